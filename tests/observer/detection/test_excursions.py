@@ -271,7 +271,47 @@ def test_a_blind_tick_ends_settling_too() -> None:
     player.play(4.0, 3)
     assert SETTLING not in player.play(2.0, STUCK - 2)
     player.play(math.nan, 1)
-    assert SETTLING not in player.play(2.0, STUCK - 2)
+    assert SETTLING not in player.play(2.0, LONGEST - 2)
+
+
+def settler() -> JointMonitor:
+    return JointMonitor(0, SETTINGS, lambda joint, sign, threshold: -1.0, settles=True)
+
+
+def test_settling_lasts_to_its_last_moment() -> None:
+    joint = settler()
+    joint.step(0.0, 4.0, 1.0)
+    joint.step(0.1, 0.0, 1.0)
+    assert joint.step(1.0, 0.0, 1.0) is SETTLING
+    last = 1.0 + SETTLING_TIME
+    assert joint.step(last, 1.2, 1.0) is SETTLING, "the higher threshold still holds"
+    assert not joint.idle(last)
+    assert joint.idle(last + 1e-9)
+    assert joint.step(last + 1e-9, 0.0, 1.0) is FREE
+
+
+def stuck(peak: float, values: tuple[float, float], band: float) -> bool:
+    """Whether a residual that has two values in turn, after a peak, is taken for friction within half a second."""
+    joint = settler()
+    joint.step(0.0, peak, 1.0, band)
+    states = [joint.step(0.01 + 0.01 * k, values[k % 2], 1.0, band) for k in range(50)]
+    return SETTLING in states
+
+
+def test_what_is_exactly_at_its_bound_may_be_friction() -> None:
+    """Residual at the band, two values that differ by the spread; but at 0.85 of its peak it has not fallen."""
+    assert stuck(8.0, (2.0, 2.0), band=2.0)
+    assert not stuck(8.0, (2.0, 2.0), band=1.99)
+    assert stuck(8.0, (2.0, 2.25), band=3.0)
+    assert not stuck(8.0, (2.0, 2.26), band=3.0)
+    assert not stuck(2.0, (0.85 * 2.0, 0.85 * 2.0), band=3.0)
+    assert stuck(2.0, (0.84 * 2.0, 0.84 * 2.0), band=3.0)
+
+
+def test_without_a_band_nothing_is_friction() -> None:
+    joint = settler()
+    states = {joint.step(0.01 * k, 0.6 if k else 2.0, 0.5) for k in range(200)}
+    assert states == {CONTACT}
 
 
 def test_nothing_has_settled_at_first() -> None:

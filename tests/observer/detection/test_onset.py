@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pepper_driver.observer.detection.excursions import ResidualHistory
+from pepper_driver.observer.detection.excursions import ONSET_LEVEL, ResidualHistory
 from support.observer import CYCLE
 
 THRESHOLD = 0.03
@@ -37,6 +37,18 @@ def test_a_step_is_dated_at_its_first_sample_in_the_window() -> None:
 def test_a_drop_inside_the_window_does_not_hide_the_onset() -> None:
     signal = [0.0] * 50 + [0.02, 0.04, 0.05, 0.0, 0.05, 0.05, 0.05, 0.05]
     assert history(signal).onset(1, 1, THRESHOLD) == pytest.approx(50 * CYCLE)
+
+
+@pytest.mark.parametrize("before", [0, 3])
+def test_a_drop_does_not_hide_the_onset_in_a_short_history(before: int) -> None:
+    signal = [0.0] * before + [0.04, 0.0, 0.04]
+    assert history(signal).onset(1, 1, THRESHOLD) == pytest.approx(before * CYCLE)
+
+
+def test_what_is_exactly_at_the_threshold_or_its_third() -> None:
+    """At the threshold is not over it; at a third of it is not free."""
+    assert history([3.0, 0.0, 4.0]).onset(1, 1, 3.0) == pytest.approx(2 * CYCLE)
+    assert history([0.5, 3.0 * ONSET_LEVEL, 4.0]).onset(1, 1, 3.0) == pytest.approx(CYCLE)
 
 
 def test_growth_longer_than_the_history_is_put_at_its_beginning() -> None:

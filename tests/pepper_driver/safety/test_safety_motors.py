@@ -78,6 +78,11 @@ def test_a_moment_without_stiffness_stops_nothing() -> None:
     for tick in range(200):
         g.watch(told(less(float(tick % (TAKEN_TICKS + 1) != 0))), g.sent)
     assert g.state is RobotState.ACTIVE
+    g.watch(told(ONES), g.sent)
+    for _ in range(TAKEN_TICKS + 1):
+        assert g.state is RobotState.ACTIVE
+        g.watch(told(less(1.0)), g.sent)
+    assert g.state is RobotState.FAULT
 
 
 @pytest.mark.parametrize("delay", [0, 8, 20, 50])
