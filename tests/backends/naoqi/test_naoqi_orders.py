@@ -97,7 +97,7 @@ def test_a_wheel_command_ends_in_standing_still() -> None:
     bench.now += 5.0
     assert SPEED in bench.tick(wheels=TURNING)
     command = next(command for command, _ in bench.dcm.calls if command[0] == SPEED)
-    assert command[1] == "ClearAll"
+    assert command[1:4] == ["ClearAll", "time-separate", 0]
     assert command[4] == [FIRST + 12, FIRST + 30, FIRST + 42], "from the cycle before"
     assert command[5] == [[speed, speed, 0.0] for speed in TURNING.tolist()]
 
@@ -256,7 +256,20 @@ def test_before_the_first_acknowledgement_there_is_one_position_in_flight() -> N
     assert POSITION in bench.tick()
     assert bench.tick() == []
     bench.dcm.answer()
-    assert bench.tick() == [POSITION]
-    assert bench.tick(STAND + 0.5) == [POSITION], "near the last one that the robot took"
+    assert bench.tick(STAND + 0.8) == [POSITION]
+    bench.dcm.answer()
+    assert bench.tick(STAND + 0.8) == [POSITION]
+    assert bench.tick(STAND + 1.0) == [POSITION], "near the last one that the robot took"
     bench.dcm.calls[-2][1].running = False
-    assert bench.tick(STAND + 1.5) == [], "and this is not"
+    assert bench.tick(STAND + 1.9) == [], "and this is not"
+
+
+def test_a_command_over_a_lost_connection_is_not_in_flight() -> None:
+    class Lost(Dcm):
+        def setAlias(self, command: list[Any], _async: bool) -> Reply:
+            raise RuntimeError("not connected")
+
+    writer = Writer(Lost(), max_step=1.0)
+    assert not writer.send(Alias.WHEEL_SPEED, "ClearAll", [0], [[0.0]])
+    assert writer.idle
+    assert writer.unacknowledged_time == 0.0

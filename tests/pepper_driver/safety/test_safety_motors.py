@@ -80,9 +80,9 @@ def test_a_moment_without_stiffness_stops_nothing() -> None:
     assert g.state is RobotState.ACTIVE
     g.watch(told(ONES), g.sent)
     for _ in range(TAKEN_TICKS + 1):
-        assert g.state is RobotState.ACTIVE
+        assert g.fault is None
         g.watch(told(less(1.0)), g.sent)
-    assert g.state is RobotState.FAULT
+    assert g.fault is not None
 
 
 @pytest.mark.parametrize("delay", [0, 8, 20, 50])
