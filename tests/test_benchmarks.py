@@ -745,3 +745,49 @@ def test_a_hunt_finds_what_fails_now_and_then_and_continues_where_it_was(tmp_pat
     assert [len(run["failures"]) for run in json.loads(out.read_text())] == [0, 1, 0]
     assert subprocess.run(command, capture_output=True, check=False).returncode == 1
     assert count.read_text() == "3", "the runs are kept"
+
+
+def test_mutants_that_survive_are_listed_and_tried_again_when_tests_change(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("cosmic_ray", reason="comes with the extra 'mutation'")
+    spec = importlib.util.spec_from_file_location("mutation", ROOT / "benchmarks" / "mutation.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "mutation", module)
+    spec.loader.exec_module(module)
+    project, out = tmp_path / "project", tmp_path / "out.json"
+    project.mkdir()
+    (project / "conftest.py").write_text(
+        "from hypothesis import settings\nsettings.register_profile('mutation')\n"
+    )
+    (project / "gate.py").write_text(
+        "def at_most(value: int | float, count: int = 3) -> float:\n"
+        "    if value >= count:\n        value = count\n    return value\n"
+    )
+    tests = project / "test_gate.py"
+    tests.write_text("from gate import at_most\ndef test_it():\n    assert at_most(9) == 3\n")
+    monkeypatch.setattr(module, "ROOT", project)
+    monkeypatch.setattr(
+        module, "SUBJECTS", (module.Subject("gate", (("gate.py", ()),), ("test_gate.py",)),)
+    )
+    monkeypatch.setattr(sys, "argv", ["mutation.py", f"--out={out}", "--workers=1"])
+
+    assert module.main() == 1
+    shown = capsys.readouterr().out
+    outcomes = {entry["mutant"]: entry["outcome"] for entry in json.loads(out.read_text())}
+    # >= for > and for <, not, a number one larger and one smaller, and the only statement that may go.
+    assert len(outcomes) == 6
+    survived = [mutant for mutant, outcome in outcomes.items() if outcome == "passed"]
+    assert survived == ["gate.py:ReplaceComparisonOperator_GtE_Gt:0"]
+    assert "gate.py:ReplaceComparisonOperator_GtE_Gt:0 line 2\n-    if value >= count:" in shown
+
+    tests.write_text(tests.read_text() + "    assert type(at_most(3.0)) is int\n")
+    judged: list[str] = []
+    judge = module.judge
+    monkeypatch.setattr(
+        module, "judge", lambda *given: judged.append(given[2].key) or judge(*given)
+    )
+    assert module.main() == 0
+    assert judged == survived
