@@ -786,8 +786,11 @@ def test_mutants_that_survive_are_listed_and_tried_again_when_tests_change(
     tests.write_text(tests.read_text() + "    assert type(at_most(3.0)) is int\n")
     judged: list[str] = []
     judge = module.judge
-    monkeypatch.setattr(
-        module, "judge", lambda *given: judged.append(given[2].key) or judge(*given)
-    )
+
+    def noted(copies: Path, subject: object, mutant: Any, timeout: float) -> Any:
+        judged.append(mutant.key)
+        return judge(copies, subject, mutant, timeout)
+
+    monkeypatch.setattr(module, "judge", noted)
     assert module.main() == 0
     assert judged == survived
