@@ -127,7 +127,7 @@ SUBJECTS = (
 )
 
 
-class RemoveStatement(Operator):  # type: ignore[misc]
+class RemoveStatement(Operator):
     """Replaces a call or an assignment by ``pass``."""
 
     def mutation_positions(self, node: parso.tree.NodeOrLeaf) -> Iterator[tuple[object, object]]:
@@ -195,8 +195,9 @@ class Mutant:
 
 def _counted_lines(source: str, names: tuple[str, ...]) -> set[int]:
     """Lines of the named classes and functions, all if there are none."""
-    tree = ast.parse(source)
-    found = {}
+    if not names:
+        return set(range(1, source.count("\n") + 2))
+    found: dict[str, ast.FunctionDef | ast.ClassDef] = {}
 
     def collect(node: ast.AST, prefix: str) -> None:
         for child in ast.iter_child_nodes(node):
@@ -204,15 +205,11 @@ def _counted_lines(source: str, names: tuple[str, ...]) -> set[int]:
                 found[prefix + child.name] = child
                 collect(child, f"{prefix}{child.name}.")
 
-    collect(tree, "")
+    collect(ast.parse(source), "")
     if missing := set(names) - set(found):
         raise SystemExit(f"no {', '.join(sorted(missing))} in this file: mend SUBJECTS")
-    nodes = [found[name] for name in names] if names else [tree]
-    lines: set[int] = set()
-    for node in nodes:
-        last = source.count("\n") + 1
-        lines |= set(range(getattr(node, "lineno", 1), (getattr(node, "end_lineno", last)) + 1))
-    return lines
+    nodes = [found[name] for name in names]
+    return {line for node in nodes for line in range(node.lineno, (node.end_lineno or 0) + 1)}
 
 
 def _declarations(source: str) -> list[tuple[tuple[int, int], tuple[int, int]]]:
@@ -256,7 +253,7 @@ def digest(*names: str) -> str:
 def run_tests(copy: Path, subject: Subject, timeout: float) -> str:
     """Run a subject's tests in a copy; return ``passed``, ``failed`` or ``too long``."""
     # The mutant's own byte code is not kept.
-    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "OPENBLAS_NUM_THREADS": "1"}
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
     command += ["--hypothesis-profile", "mutation", "-m", "not whole and not realtime"]
     command += subject.tests

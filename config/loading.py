@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args, get_type_hints
@@ -33,6 +34,9 @@ MAX_VALUES = 100_000
 """In one file, anchors repeated: a few lines of anchors in anchors can stand for more than any memory holds."""
 
 T = TypeVar("T")
+
+_validator: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
+"""Of a type; to make one takes longer than to use it."""
 
 
 class _Loader(SafeLoader):
@@ -188,7 +192,7 @@ def parse(
         raise ConfigError(f"{source}: {problem}") from error
     try:
         refuse_hidden(cls, data)
-        made: T = _adapter(cls).validate_json(text, strict=True)
+        made: T = _validator(cls).validate_json(text, strict=True)
         return made
     except ValidationError as error:
         raise ConfigError(f"{source}: {explain(error, cls)}") from error
@@ -227,7 +231,7 @@ def parse_part(
     if hidden and isinstance(value, dict):
         value = {**value, **hidden}
     try:
-        return _adapter(cls).validate_json(json.dumps(value), strict=True)
+        return _validator(cls).validate_json(json.dumps(value), strict=True)
     except ValidationError as error:
         raise with_known_keys(error, cls) from error
 
@@ -250,16 +254,6 @@ def one_or_more(cls: Any) -> WrapValidator:  # noqa: ANN401 a class, of which my
 def load(cls: type[T], path: Path) -> T:
     """Read a YAML file into the configuration dataclass ``cls``; see :func:`parse` and :func:`read_yaml`."""
     return parse(cls, read_yaml(path), str(path))
-
-
-def _adapter(cls: Any) -> TypeAdapter[Any]:  # noqa: ANN401 any type of pydantic
-    """Return the validator of a type; to make one takes longer than to use it."""
-    if cls not in _adapters:
-        _adapters[cls] = TypeAdapter(cls)
-    return _adapters[cls]
-
-
-_adapters: dict[object, TypeAdapter[Any]] = {}
 
 
 def _refuse(value: object) -> None:

@@ -291,7 +291,7 @@ def test_settling_lasts_to_its_last_moment() -> None:
 
 
 def stuck(peak: float, values: tuple[float, float], band: float) -> bool:
-    """Whether a residual that has two values in turn, after a peak, is taken for friction within half a second."""
+    """True if a residual that has two values in turn, after a peak, is taken for friction within half a second."""
     joint = settler()
     joint.step(0.0, peak, 1.0, band)
     states = [joint.step(0.01 + 0.01 * k, values[k % 2], 1.0, band) for k in range(50)]

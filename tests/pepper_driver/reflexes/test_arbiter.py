@@ -226,7 +226,7 @@ def oscillating(*reflexes: Reflex) -> Stage:
 
 
 def turns(positions: FloatArray, joint: int) -> int:
-    """How often a joint changes its direction."""
+    """Number of times that a joint changes its direction."""
     return int(np.count_nonzero(np.diff(np.sign(np.diff(positions[::5, joint])))))
 
 

@@ -1,7 +1,7 @@
 """The gate: nothing outside the limits leaves it, whatever comes in, and every fault ends in standing still."""
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -228,8 +228,9 @@ def test_a_stiffness_that_is_no_array_is_a_fault(stiffness: Any) -> None:
 
 def test_whole_numbers_and_lists_are_numbers() -> None:
     g = gate()
-    wanted, speeds = (STAND + SMALL).tolist(), [0.03, 0.02, 0.01]
-    gated = g.gate(reference(wanted), np.ones(17, dtype=np.int64), speeds, 0.0)  # type: ignore[arg-type]
+    wanted, whole = (STAND + SMALL).tolist(), np.ones(17, dtype=np.int64)
+    speeds: Any = [0.03, 0.02, 0.01]
+    gated = g.gate(reference(wanted), cast(Any, whole), speeds, 0.0)
     assert g.state is RobotState.ACTIVE
     assert not gated.limited.any()
     sent = gated.command
