@@ -9,3 +9,5 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 IndexArray = NDArray[np.intp]
+StateArray = NDArray[np.int8]
+"""Members of an ``IntEnum``, as logs have them."""
