@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
+ShortArray = NDArray[np.int32]
 IndexArray = NDArray[np.intp]
 StateArray = NDArray[np.int8]
 """Members of an ``IntEnum``, as logs have them."""

@@ -35,7 +35,7 @@ from typing import (
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray, StateArray
+from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray, ShortArray, StateArray
 from pepper_driver.config.errors import reason
 
 P = ParamSpec("P")
@@ -45,13 +45,16 @@ T = TypeVar("T")
 CACHE_VARIABLE = "PEPPER_DRIVER_CACHE"
 """Environment variable: folder of the compiled kernels, in place of the one in the user's cache."""
 
-_MATRIX, _BLOCK, _OUT = "two axes", "three axes", "written to"
+_MATRIX, _BLOCK, _STRIDED, _OUT = "two axes", "three axes", "gaps", "written to"
 
 Matrix = Annotated[T, _MATRIX]
 """``Matrix[FloatArray]``: an array with two axes."""
 
 Block = Annotated[T, _BLOCK]
 """``Block[FloatArray]``: an array with three axes."""
+
+Strided = Annotated[T, _STRIDED]
+"""``Strided[FloatArray]``: an array that may have gaps, such as a column of a matrix."""
 
 Out = Annotated[T, _OUT]
 """``Out[FloatArray]``: an array that the kernel writes to. It cannot write to others, which may be read-only."""
@@ -60,6 +63,7 @@ _ARRAYS: dict[object, str] = {
     FloatArray: "float64",
     BoolArray: "boolean",
     IntArray: "int64",
+    ShortArray: "int32",
     StateArray: "int8",
 }
 _SCALARS: dict[object, str] = {float: "float64", int: "int64", bool: "boolean"}
@@ -95,7 +99,7 @@ def record_type(of: type[Any]) -> np.dtype[np.void]:
     return np.dtype([(name, kinds[kind]) for name, kind in get_type_hints(of).items()], align=True)
 
 
-def make_records(of: type[T], count: int, **values: object) -> Records[T]:
+def make_records(of: type[T], count: int, /, **values: object) -> Records[T]:
     """Return ``count`` records of a class, zero but for ``values``: by name, one number or (count,) numbers."""
     records = np.zeros(count, record_type(of))
     for name, value in values.items():
@@ -200,8 +204,8 @@ def kernel(function: Callable[P, R]) -> Kernel[P, R]:
     """Make a kernel of a function that changes arrays in place, or returns a number.
 
     Its annotations are its signature: ``float``, ``int``, ``bool``, ``FloatArray``, ``BoolArray``, ``IntArray``,
-    ``StateArray``, ``Records[...]``, with ``Matrix[...]``, ``Block[...]`` and ``Out[...]`` around them. Arrays have no
-    gaps. It may call other kernels, and functions of NumPy and ``math``, and use constants of its module. A value that
+    ``ShortArray``, ``StateArray``, ``Records[...]``, with ``Matrix[...]``, ``Block[...]``, ``Strided[...]`` and
+    ``Out[...]`` around them, or the class of a record. It may call other kernels, and functions of NumPy and ``math``, and use constants of its module. A value that
     is not finite goes through its arithmetic as in NumPy; it must not become an index.
     """
     return Kernel(function)
@@ -221,10 +225,13 @@ def _numba_type(name: str, hint: Any) -> Any:
         element = numba.from_dtype(record_type(get_args(hint)[0]))
     elif hint in _ARRAYS:
         element = getattr(numba.types, _ARRAYS[hint])
+    elif isinstance(hint, type) and hint.__annotations__:
+        return numba.from_dtype(record_type(hint))
     else:
         raise TypeError(f"kernel {name}: an argument cannot be {hint}")
     axes = 3 if _BLOCK in marks else 2 if _MATRIX in marks else 1
-    return numba.types.Array(element, axes, "C", readonly=_OUT not in marks)
+    layout = "A" if _STRIDED in marks else "C"
+    return numba.types.Array(element, axes, layout, readonly=_OUT not in marks)
 
 
 @cache

@@ -39,6 +39,7 @@ from pepper_driver.config import (
     plant_hash,
 )
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.kernels import Matrix, Out, kernel
 
 
 def check_display() -> None:
@@ -80,6 +81,20 @@ class MujocoWindow:
     def close(self) -> None:
         """Close the window."""
         self._viewer.close()
+
+
+@kernel
+def bound_command(
+    position: FloatArray,
+    stiffness: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    taken: Out[Matrix[FloatArray]],
+) -> None:
+    """Write (n,) positions within their limits [rad] and stiffnesses within 0..1 to the rows of ``taken``."""
+    for j in range(len(position)):
+        taken[0, j] = min(max(position[j], lower[j]), upper[j])
+        taken[1, j] = min(max(stiffness[j], 0.0), 1.0)
 
 
 RAMP_TIME = 1.0
@@ -136,6 +151,8 @@ class MujocoBackend(Serial, Backend):
         self._model, self._data = self._simulation.model, self._simulation.data
         self._readings = Readings(robot, plant, self._simulation)
         self._commands = CommandDelayLine(plant)
+        self._bound = bound_command.load()
+        self._no_stiffness, self._no_speed = np.zeros(len(self._start)), np.zeros(3)
         self._state: Literal["closed", "open", "active"] = "closed"
         self.wheel_stiffness = np.ones(3)
         self._shown = window
@@ -281,8 +298,9 @@ class MujocoBackend(Serial, Backend):
         """Take the command for the cycle that the next ``read`` simulates."""
         self._check_open()
         position, stiffness, wheel_speed = checked_command(command, len(self._start))
-        position = np.clip(position, self._robot.lower, self._robot.upper)  # as the DCM does
-        self._write(position, np.clip(stiffness, 0.0, 1.0), wheel_speed.copy())
+        taken = np.empty((2, len(position)))
+        self._bound(position, stiffness, self._robot.lower, self._robot.upper, taken)  # as the DCM
+        self._write(taken[0], taken[1], wheel_speed.copy())
 
     @serial
     def read(self) -> Measurement:
@@ -293,9 +311,9 @@ class MujocoBackend(Serial, Backend):
         self._repeats += 1
         self._simulation.cycle(
             self._commands.send(written.position),
-            written.stiffness if active else np.zeros(len(self._start)),
-            written.wheel_speed if rolls else np.zeros(3),
-            self.wheel_stiffness if active else np.zeros(3),
+            written.stiffness if active else self._no_stiffness,
+            written.wheel_speed if rolls else self._no_speed,
+            self.wheel_stiffness if active else self._no_speed,
         )
         if self._model.diverged(self._data):
             self._close()

@@ -2,17 +2,96 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from pepper_driver.backends.mujoco_.plant_model import ArrayView, PlantModel
+from pepper_driver.backends.mujoco_.plant_model import PlantModel
 from pepper_driver.backends.simulated import Resumable
 from pepper_driver.config import PlantConfig, RobotConfig
-from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.kernels import Out, Records, kernel, make_records
+
+
+class Gear:
+    """Friction of one joint on the side of its motor and on that of its link, and where MuJoCo has them.
+
+    Coulomb friction is ``motor`` and ``link`` with the teeth in contact, with ``motor_change`` and ``link_change`` on
+    top inside the gap; ``_viscous`` likewise. All follow the temperature of the grease but those named ``cold``.
+    """
+
+    cold_motor: float
+    cold_link: float
+    cold_motor_change: float
+    cold_link_change: float
+    motor: float
+    link: float
+    motor_change: float
+    link_change: float
+    motor_viscous: float
+    link_viscous: float
+    motor_viscous_change: float
+    link_viscous_change: float
+    excess: float
+    inverse_stribeck: float
+    cold_load: float
+    load: float
+    ripple: float
+    ripple_count: float
+    half_gap: float
+    damping: float
+    damping_change: float
+    relative: float
+    relative_viscous: float
+    warmth: float
+    link_qpos: int
+    motor_qpos: int
+    link_dof: int
+    motor_dof: int
+    tendon: int
+
+
+@kernel
+def set_friction(
+    gears: Records[Gear],
+    qpos: FloatArray,
+    qvel: FloatArray,
+    frictionloss: Out[FloatArray],
+    damping: Out[FloatArray],
+    tooth_friction: Out[FloatArray],
+    tooth_damping: Out[FloatArray],
+) -> None:
+    """Set friction and damping of all gears for the step of physics to come; arrays are MuJoCo's."""
+    for j in range(len(gears)):
+        gear = gears[j]
+        theta = qpos[gear.motor_qpos]
+        # How far the teeth are pressed into each other [rad]; below 0 inside the gap.
+        beyond = abs(qpos[gear.link_qpos] - theta) - gear.half_gap
+        gap = 1.0 if beyond <= 0.0 else 0.0
+        motor = gear.motor_change * gap + gear.motor
+        motor *= stribeck(gear, qvel[gear.motor_dof])
+        if gear.ripple != 0.0:
+            motor *= math.cos(gear.ripple_count * theta) * gear.ripple + 1.0
+        link = gear.link_change * gap + gear.link
+        link *= stribeck(gear, qvel[gear.link_dof])
+        frictionloss[gear.motor_dof] = motor + max(beyond, 0.0) * gear.load
+        frictionloss[gear.link_dof] = link
+        damping[gear.motor_dof] = (
+            gear.motor_viscous + gear.motor_viscous_change * gap
+        ) * gear.warmth
+        damping[gear.link_dof] = (gear.link_viscous + gear.link_viscous_change * gap) * gear.warmth
+        tooth_friction[gear.tendon] = gear.relative * gap * gear.warmth
+        tooth_damping[gear.tendon] = gear.damping_change * gap + gear.damping
+
+
+@kernel
+def stribeck(gear: Gear, velocity: float) -> float:
+    """Return 1 + (b - 1) / (1 + (v / v_s)^2) at a velocity [rad/s]."""
+    ratio = velocity * gear.inverse_stribeck
+    return gear.excess / (ratio * ratio + 1.0) + 1.0
 
 
 class JointFriction:
@@ -31,109 +110,58 @@ class JointFriction:
         def each(key: str) -> FloatArray:
             return plant.per_joint(f"friction.{key}", robot)
 
-        mj, n = model.mj, len(model.half_gap)
-        self._motor_angle = ArrayView(data.qpos, model.motor_qpos)
-        self._link_angle = ArrayView(data.qpos, model.link_qpos)
-        motor, link = model.motor_dof, model.link_dof
-        self._velocities = ArrayView(data.qvel, motor), ArrayView(data.qvel, link)
-        self._frictions = (
-            ArrayView(mj.dof_frictionloss, motor),
-            ArrayView(mj.dof_frictionloss, link),
+        mj = model.mj
+        coefficients: dict[str, FloatArray] = {}
+        for side in ("motor", "link"):
+            # What the gap changes is added where the teeth are apart.
+            for suffix, prefix in (("", "cold_"), ("_viscous", "")):
+                contact, gap = each(f"contact.{side}{suffix}"), each(f"gap.{side}{suffix}")
+                coefficients[f"{prefix}{side}{suffix}"] = contact
+                coefficients[f"{prefix}{side}{suffix}_change"] = gap - contact
+        self._gears = make_records(
+            Gear,
+            len(model.half_gap),
+            **coefficients,
+            excess=each("breakaway") - 1.0,
+            inverse_stribeck=1.0 / each("stribeck_velocity"),
+            cold_load=each("load") * plant.per_joint("gear_stiffness", robot),
+            ripple=each("ripple"),
+            ripple_count=each("ripple_count"),
+            half_gap=model.half_gap,
+            damping=plant.per_joint("gear_damping", robot),
+            relative=each("gap.relative"),
+            relative_viscous=each("gap.relative_viscous"),
+            link_qpos=model.link_qpos,
+            motor_qpos=model.motor_qpos,
+            link_dof=model.link_dof,
+            motor_dof=model.motor_dof,
+            tendon=model.tendon,
         )
-        self._dampings = ArrayView(mj.dof_damping, motor), ArrayView(mj.dof_damping, link)
-        self._tooth_damping = ArrayView(mj.tendon_damping, model.tendon)
-        self._tooth_friction = ArrayView(mj.tendon_frictionloss, model.tendon)
-        # Motor's sides, then links' sides. What the gap changes is added where the teeth are apart.
-        coulomb = _both_sides(each, "contact", "")
-        self._cold_coulomb = coulomb, _both_sides(each, "gap", "") - coulomb
-        self._viscous = _both_sides(each, "contact", "_viscous")
-        self._viscous_change = _both_sides(each, "gap", "_viscous") - self._viscous
-        self._relative = each("gap.relative")
-        self._gear_damping = plant.per_joint("gear_damping", robot)
-        self._relative_viscous = each("gap.relative_viscous")
-        self._half_gap = model.half_gap
-        self._excess = np.tile(each("breakaway") - 1.0, 2)
-        self._inverse_stribeck = 1.0 / each("stribeck_velocity")
-        self._cold_load = each("load") * plant.per_joint("gear_stiffness", robot)
-        self._ripple, self._ripple_count = each("ripple"), each("ripple_count")
-        # What is absent costs nothing.
-        self._has_viscous_change = bool(self._viscous_change.any())
-        self._has_ripple, self._has_relative = bool(self._ripple.any()), bool(self._relative.any())
-        self._beyond, self._damping, self._wave = np.empty(n), np.empty(n), np.empty(n)
-        self._in_gap = np.empty(n, dtype=np.bool_)
-        # All of one length and type, with views made once: so NumPy takes half the time.
-        self._gap, self._torque, self._factor = np.empty(2 * n), np.empty(2 * n), np.empty(2 * n)
-        self._motor_gap, self._link_gap = self._gap[:n], self._gap[n:]
-        self._motor_torque, self._link_torque = self._torque[:n], self._torque[n:]
-        self._motor_factor, self._link_factor = self._factor[:n], self._factor[n:]
-        self._zero, self._one = np.zeros(n), np.ones(2 * n)
-        self.warm(np.ones(n))
+        self._qpos, self._qvel = data.qpos, data.qvel
+        self._frictionloss, self._damping = mj.dof_frictionloss, mj.dof_damping
+        self._tooth_friction, self._tooth_damping = mj.tendon_frictionloss, mj.tendon_damping
+        self._set = set_friction.load()
+        self.warm(np.ones(len(model.half_gap)))
 
     def warm(self, factor: FloatArray) -> None:
         """Scale all friction by ``factor`` (17,) from now on."""
-        self._warmth = factor
-        coulomb, change = self._cold_coulomb
-        both = np.tile(factor, 2)
-        self._coulomb, self._coulomb_change = coulomb * both, change * both
-        self._load = self._cold_load * factor
-        self._gear_damping_change = self._relative_viscous * factor - self._gear_damping
-        self._write(self._dampings, self._viscous * both)
+        gears = self._gears
+        gears["warmth"] = factor
+        for name in ("motor", "link", "motor_change", "link_change", "load"):
+            gears[name] = gears[f"cold_{name}"] * factor
+        gears["damping_change"] = gears["relative_viscous"] * factor - gears["damping"]
 
     def update(self) -> None:
         """Set friction and damping for the step of physics to come."""
-        beyond, damping = self._beyond, self._damping
-        # How far the teeth are pressed into each other [rad]; below 0 inside the gap.
-        motor_angle = self._motor_angle.read()
-        np.subtract(self._link_angle.read(), motor_angle, out=beyond)
-        np.abs(beyond, out=beyond)
-        np.subtract(beyond, self._half_gap, out=beyond)
-        np.less_equal(beyond, self._zero, out=self._in_gap)
-        self._motor_gap[:] = self._in_gap
-        self._link_gap[:] = self._in_gap
-        np.multiply(self._gear_damping_change, self._motor_gap, out=damping)
-        np.add(damping, self._gear_damping, out=damping)
-        self._tooth_damping.write(damping)
-        self._set_coulomb(motor_angle)
-        if self._has_relative:
-            self._tooth_friction.write(self._relative * self._motor_gap * self._warmth)
-        if self._has_viscous_change:
-            viscous = self._viscous + self._viscous_change * self._gap
-            self._write(self._dampings, viscous * np.tile(self._warmth, 2))
-
-    def _set_coulomb(self, motor_angle: FloatArray) -> None:
-        torque, factor, beyond, wave = self._torque, self._factor, self._beyond, self._wave
-        motor, link = self._velocities
-        np.multiply(motor.read(), self._inverse_stribeck, out=self._motor_factor)
-        np.multiply(link.read(), self._inverse_stribeck, out=self._link_factor)
-        np.multiply(factor, factor, out=factor)
-        np.add(factor, self._one, out=factor)
-        np.divide(self._excess, factor, out=factor)
-        np.add(factor, self._one, out=factor)
-        np.multiply(self._coulomb_change, self._gap, out=torque)
-        np.add(torque, self._coulomb, out=torque)
-        np.multiply(torque, factor, out=torque)
-        if self._has_ripple:
-            np.multiply(self._ripple_count, motor_angle, out=wave)
-            np.cos(wave, out=wave)
-            wave *= self._ripple
-            wave += 1.0
-            self._motor_torque *= wave
-        np.maximum(beyond, self._zero, out=beyond)
-        np.multiply(beyond, self._load, out=beyond)
-        np.add(self._motor_torque, beyond, out=self._motor_torque)
-        motor, link = self._frictions
-        motor.write(self._motor_torque)
-        link.write(self._link_torque)
-
-    @staticmethod
-    def _write(sides: tuple[ArrayView, ArrayView], values: FloatArray) -> None:
-        for side, part in zip(sides, np.split(values, 2), strict=True):
-            side.write(part)
-
-
-def _both_sides(each: Callable[[str], FloatArray], case: str, suffix: str) -> FloatArray:
-    """(34,) one coefficient of the motors' sides, then of the links'."""
-    return np.concatenate([each(f"{case}.{side}{suffix}") for side in ("motor", "link")])
+        self._set(
+            self._gears,
+            self._qpos,
+            self._qvel,
+            self._frictionloss,
+            self._damping,
+            self._tooth_friction,
+            self._tooth_damping,
+        )
 
 
 COLDEST_FRICTION, WARMEST_FRICTION = 4.0, 0.25
@@ -153,12 +181,42 @@ class ThermalState:
     grease: FloatArray
 
 
+@kernel
+def heat_motors(
+    temperature: Out[FloatArray],
+    tenths: FloatArray,
+    current: FloatArray,
+    resistance: FloatArray,
+    rise: FloatArray,
+    ambient: float,
+    fraction: float,
+) -> bool:
+    """Warm the motors by their losses over a cycle; return True if one is then another tenth of a degree off.
+
+    Args:
+        temperature: Of the windings [deg C].
+        tenths: Their temperatures before, in whole tenths of a degree.
+        current: [A]
+        resistance: Of the windings as they are [ohm].
+        rise: Over the air, settled [K/W].
+        ambient: Temperature of the air [deg C].
+        fraction: Of the way to the settled temperature that is gone in a cycle.
+    """
+    changed = False
+    for j in range(len(temperature)):
+        loss = resistance[j] * (current[j] * current[j])
+        temperature[j] += (ambient + rise[j] * loss - temperature[j]) * fraction
+        changed = changed or np.rint(10.0 * temperature[j]) != tenths[j]
+    return changed
+
+
 class Supply(Resumable):
     """Charge of the battery and temperature of the motors.
 
     Attributes:
         charge: 0..1.
         temperature: (17,) of the windings [deg C].
+        warmth: Effect of the temperatures; the same object as long as no motor is another tenth of a degree off.
     """
 
     STATE = ("charge", "temperature", "_sag")
@@ -169,7 +227,8 @@ class Supply(Resumable):
         self._battery, self._heat = plant.battery, plant.heat
         self._resistance = np.array([robot.motors.of(name).resistance for name in names])
         self._rise = np.array([plant.heat.rise[robot.motors.joints[name].type] for name in names])
-        self._tenths = np.empty(0)
+        self._fraction = robot.cycle / plant.heat.time_constant
+        self._heat_motors = heat_motors.load()
         self.reset()
 
     def reset(self) -> None:
@@ -177,7 +236,7 @@ class Supply(Resumable):
         self.charge = self._battery.charge
         self.temperature = np.full(len(self._rise), self._heat.start)
         self._sag = 0.0
-        self._warmth: ThermalState | None = None
+        self._warm()
 
     @property
     def voltage(self) -> float:
@@ -186,24 +245,20 @@ class Supply(Resumable):
         span = battery.full_voltage - battery.empty_voltage
         return max(0.0, battery.empty_voltage + span * self.charge - self._sag)
 
-    @property
-    def warmth(self) -> ThermalState:
-        """Effect of the temperatures; the same object as long as no motor is a tenth of a degree off."""
-        tenths = np.rint(10.0 * self.temperature)
-        if self._warmth is None or not np.array_equal(tenths, self._tenths):
-            self._tenths = tenths
-            above, heat = 0.1 * tenths - self._heat.reference, self._heat
-            self._warmth = ThermalState(
-                copper=np.maximum(1.0 + heat.copper * above, SMALLEST_FACTOR),
-                magnet=np.maximum(1.0 + heat.magnet * above, SMALLEST_FACTOR),
-                grease=np.clip(1.0 + heat.grease * above, WARMEST_FRICTION, COLDEST_FRICTION),
-            )
-        return self._warmth
+    def _warm(self) -> None:
+        self._tenths, heat = np.rint(10.0 * self.temperature), self._heat
+        above = 0.1 * self._tenths - heat.reference
+        self.warmth = ThermalState(
+            copper=np.maximum(1.0 + heat.copper * above, SMALLEST_FACTOR),
+            magnet=np.maximum(1.0 + heat.magnet * above, SMALLEST_FACTOR),
+            grease=np.clip(1.0 + heat.grease * above, WARMEST_FRICTION, COLDEST_FRICTION),
+        )
+        self._warm_resistance = self._resistance * self.warmth.copper
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Return to a state of :meth:`save`."""
         super().restore(saved)
-        self._warmth = None
+        self._warm()
 
     def step(self, current: FloatArray, power: float) -> None:
         """One cycle later. Temperature and charge change over minutes: a sample a cycle is enough.
@@ -213,13 +268,101 @@ class Supply(Resumable):
             power: What the motors of the joints then took from the battery [W]; what they gave back counts as none.
                 The wheels' part is small compared with ``idle_power``, and included there.
         """
-        battery, heat = self._battery, self._heat
-        loss = self._resistance * self.warmth.copper * np.square(current)
-        settled = heat.ambient + self._rise * loss
-        self.temperature += (settled - self.temperature) * (self._cycle / heat.time_constant)
+        battery, ambient = self._battery, self._heat.ambient
+        if self._heat_motors(
+            self.temperature,
+            self._tenths,
+            current,
+            self._warm_resistance,
+            self._rise,
+            ambient,
+            self._fraction,
+        ):
+            self._warm()
         power += battery.idle_power
         self.charge = max(0.0, self.charge - power * self._cycle / battery.energy)
         self._sag = battery.resistance * power / (self.voltage + self._sag)
+
+
+class Board:
+    """One motor board: what it is, its gains in this cycle, and its state.
+
+    ``smoothed`` is the low-passed error [rad], ``integral`` the integral part [V], ``drop`` the voltage that drives the
+    largest current through the windings [V], ``current_sum`` the sum of the currents of a cycle [A].
+    """
+
+    kp: float
+    kd_step: float
+    ki_step: float
+    derivative_gain: float
+    dead_band: float
+    integral_band: float
+    integral_limit: float
+    count: float
+    counts_per_radian: float
+    resistance: float
+    back_emf: float
+    full_drop: float
+    proportional: float
+    derivative: float
+    integral_step: float
+    supply: float
+    drop: float
+    smoothed: float
+    integral: float
+    current_sum: float
+
+
+@kernel
+def begin_board_cycle(
+    boards: Out[Records[Board]], stiffness: FloatArray, supply: float, duty: float
+) -> None:
+    """Set gains and limits for the steps of a cycle; see :meth:`MotorBoards.begin_cycle`."""
+    for j in range(len(boards)):
+        board = boards[j]
+        board.proportional = board.kp * duty
+        board.derivative = board.kd_step * duty
+        board.integral_step = board.ki_step * duty
+        board.supply = supply
+        board.drop = board.full_drop * stiffness[j]
+        if not stiffness[j] > 0.0:  # a motor board without current clears its integral
+            board.integral = 0.0
+        board.current_sum = 0.0
+
+
+@kernel
+def update_boards(
+    boards: Out[Records[Board]],
+    target: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    voltage: Out[FloatArray],
+    current: Out[FloatArray],
+    saturated: Out[BoolArray],
+) -> None:
+    """Run one step of all boards; see :meth:`MotorBoards.update`."""
+    for j in range(len(boards)):
+        board = boards[j]
+        error = target[j] - np.rint(position[j] * board.counts_per_radian) * board.count
+        change = error - board.smoothed
+        wanted = board.derivative * change
+        board.smoothed += board.derivative_gain * change
+        # What the proportional and the integral part see; the derivative damps inside the band too.
+        error -= min(max(error, -board.dead_band), board.dead_band)
+        wanted += board.proportional * error
+        wanted += board.integral
+        emf = board.back_emf * velocity[j]
+        allowed = min(max(wanted, emf - board.drop), emf + board.drop)
+        allowed = max(min(allowed, board.supply), -board.supply)
+        saturated[j] = saturated[j] or allowed != wanted
+        gain = board.integral_step * error
+        # Clamped at a bound, and frozen at small errors.
+        if abs(error) >= board.integral_band and not (wanted - allowed) * gain > 0.0:
+            limit = board.integral_limit
+            board.integral = max(min(board.integral + gain, limit), -limit)
+        current[j] = (allowed - emf) / board.resistance
+        board.current_sum += current[j]
+        voltage[j] = allowed
 
 
 class MotorBoards(Resumable):
@@ -231,63 +374,66 @@ class MotorBoards(Resumable):
     names"), so at stiffness 0 the motor turns freely. The board sets a duty cycle: its gains grow with the supply.
 
     Attributes:
+        boards: Constants and state of each.
         current: Motor current of the last update [A], signed.
         saturated: Whether a bound was met since :meth:`begin_cycle`.
         stiffness: K = kp N Kt / R [N m/rad] at the reference temperature and voltage.
         torque_limit: Torque that the motor board can hold [N m], in the same order.
     """
 
-    STATE = ("_smoothed", "_integral", "current", "saturated")
+    STATE = ("boards", "current", "saturated")
 
     def __init__(self, robot: RobotConfig, plant: PlantConfig) -> None:
-        names = robot.joint_names
+        names, board, step = robot.joint_names, plant.board, plant.physics.timestep
+        n = len(names)
         ratio = np.array([robot.motors.joints[name].ratio for name in names])
         constant = np.array([robot.motors.of(name).torque_constant for name in names])
         resistance = np.array([robot.motors.of(name).resistance for name in names])
-        step = plant.physics.timestep
-        board = plant.board
-        self._kp = plant.per_joint("kp", robot)
-        self._ki_step = plant.per_joint("ki", robot) * step
-        self._dead_band = plant.per_joint("dead_band", robot)
-        self._current_limit = plant.per_joint("current_limit", robot)
-        self._nominal_voltage = board.voltage
-        # Arrays where a number would do: NumPy takes them in half the time.
-        self._minus_count = np.full(len(names), -2 * np.pi / 2**board.encoder_bits)
-        self._counts_per_radian = -1.0 / self._minus_count
-        self._derivative_gain = 1.0 - np.exp(-step / board.derivative_time)
-        kd = plant.per_joint("kd", robot)
-        self._kd_step = kd * (self._derivative_gain / step)  # exact on a ramp, at any step
-        self._integral_limit, self._integral_band = board.integral_limit, board.integral_band
-        self._has_integral = bool(self._ki_step.any())
-        self._has_dead_band = bool(self._dead_band.any())
-        self._minus_dead_band = -self._dead_band
         torque_constant = constant * ratio  # [N m/A] at the joint
+        kp, self._current_limit = (
+            plant.per_joint("kp", robot),
+            plant.per_joint("current_limit", robot),
+        )
+        count = 2 * np.pi / 2**board.encoder_bits
+        derivative_gain = 1.0 - np.exp(-step / board.derivative_time)
+        self._nominal_voltage = board.voltage
         self._resistance_when_new, self._back_emf_when_new = resistance, torque_constant
-        self.stiffness = self._kp * torque_constant / resistance
+        self.boards = make_records(
+            Board,
+            n,
+            kp=kp,
+            # Exact on a ramp, at any step.
+            kd_step=plant.per_joint("kd", robot) * (derivative_gain / step),
+            ki_step=plant.per_joint("ki", robot) * step,
+            derivative_gain=derivative_gain,
+            dead_band=plant.per_joint("dead_band", robot),
+            integral_band=board.integral_band,
+            integral_limit=board.integral_limit,
+            count=count,
+            counts_per_radian=1.0 / count,
+        )
+        self.stiffness = kp * torque_constant / resistance
         held = np.minimum(self._current_limit, board.voltage / resistance)
         self.torque_limit = torque_constant * held
-        n = len(names)
-        self._smoothed, self._integral = np.zeros(n), np.zeros(n)
-        self._error, self._change, self._wanted = np.empty(n), np.empty(n), np.empty(n)
-        self._emf, self._bound, self._voltage = np.empty(n), np.empty(n), np.empty(n)
-        self._differs = np.empty(n, dtype=np.bool_)
-        self.current = np.zeros(n)
+        self._voltage, self.current = np.empty(n), np.zeros(n)
         self.saturated = np.zeros(n, dtype=np.bool_)
+        self._begin, self._update = begin_board_cycle.load(), update_boards.load()
         self.warm(np.ones(n), np.ones(n))
         self.begin_cycle(np.ones(n), board.voltage)
 
     def reset(self) -> None:
         """Forget the past, as when switched on with no error."""
-        self._smoothed[:] = 0.0
-        self._integral[:] = 0.0
+        for name in ("smoothed", "integral", "current_sum"):
+            self.boards[name] = 0.0
         self.current[:] = 0.0
         self.saturated[:] = False
 
     def warm(self, copper: FloatArray, magnet: FloatArray) -> None:
         """Set the factors (17,) on the resistance of the windings and on the torque constant."""
-        self._resistance = self._resistance_when_new * copper
-        self._back_emf = self._back_emf_when_new * magnet
-        self._full_drop = self._resistance * self._current_limit
+        resistance = self._resistance_when_new * copper
+        self.boards["resistance"] = resistance
+        self.boards["back_emf"] = self._back_emf_when_new * magnet
+        self.boards["full_drop"] = resistance * self._current_limit
 
     def begin_cycle(self, stiffness: FloatArray, supply: float) -> None:
         """Set the parameters of the next updates, none of which has met a bound.
@@ -296,15 +442,7 @@ class MotorBoards(Resumable):
             stiffness: (17,) 0..1.
             supply: Voltage of the battery [V].
         """
-        duty = supply / self._nominal_voltage
-        self._proportional = self._kp * duty
-        self._derivative = self._kd_step * duty
-        self._integral_step = self._ki_step * duty
-        self._supply = np.full(len(stiffness), supply)
-        self._minus_supply = -self._supply
-        self._drop = self._full_drop * stiffness
-        # A motor board without current clears its integral.
-        self._integral *= stiffness > 0.0
+        self._begin(self.boards, stiffness, supply, supply / self._nominal_voltage)
         self.saturated[:] = False
 
     def update(self, target: FloatArray, position: FloatArray, velocity: FloatArray) -> FloatArray:
@@ -315,42 +453,11 @@ class MotorBoards(Resumable):
             position: Link-side position [rad]; the board sees it through its encoder.
             velocity: Motor speed, at the joint [rad/s].
         """
-        error, change, wanted = self._error, self._change, self._wanted
-        np.multiply(position, self._counts_per_radian, out=error)
-        np.rint(error, out=error)
-        error *= self._minus_count
-        error += target
-        np.subtract(error, self._smoothed, out=change)
-        np.multiply(self._derivative, change, out=wanted)
-        change *= self._derivative_gain
-        self._smoothed += change
-        if self._has_dead_band:
-            # What the proportional and the integral part see; the derivative damps inside the band too.
-            np.maximum(error, self._minus_dead_band, out=change)
-            np.minimum(change, self._dead_band, out=change)
-            error -= change
-        np.multiply(self._proportional, error, out=change)
-        wanted += change
-        if self._has_integral:
-            wanted += self._integral
-        emf, bound, voltage = self._emf, self._bound, self._voltage
-        np.multiply(self._back_emf, velocity, out=emf)
-        np.subtract(emf, self._drop, out=bound)
-        np.maximum(wanted, bound, out=voltage)
-        np.add(emf, self._drop, out=bound)
-        np.minimum(voltage, bound, out=voltage)
-        np.minimum(voltage, self._supply, out=voltage)
-        np.maximum(voltage, self._minus_supply, out=voltage)
-        np.not_equal(voltage, wanted, out=self._differs)
-        self.saturated |= self._differs
-        if self._has_integral:  # clamped at a bound, and frozen at small errors
-            np.multiply(self._integral_step, error, out=change)
-            change[np.abs(error) < self._integral_band] = 0.0
-            np.subtract(wanted, voltage, out=wanted)  # by how much a bound cut the voltage
-            change[wanted * change > 0.0] = 0.0
-            self._integral += change
-            np.minimum(self._integral, self._integral_limit, out=self._integral)
-            np.maximum(self._integral, -self._integral_limit, out=self._integral)
-        np.subtract(voltage, emf, out=self.current)
-        self.current /= self._resistance
+        voltage = self._voltage
+        self._update(self.boards, target, position, velocity, voltage, self.current, self.saturated)
         return voltage
+
+    def mean_current(self, steps: int) -> FloatArray:
+        """Return (17,) the size of the mean current of the ``steps`` since :meth:`begin_cycle` [A]."""
+        mean: FloatArray = np.abs(self.boards["current_sum"]) / steps
+        return mean

@@ -177,11 +177,8 @@ ROBOT, OBJECT, FLOOR = 1, 2, 4
 # MuJoCo has one such handler for the whole process.
 mujoco.set_mju_user_warning(lambda message: None)
 
-_DIVERGENCE = (
-    mujoco.mjtWarning.mjWARN_BADQPOS,
-    mujoco.mjtWarning.mjWARN_BADQVEL,
-    mujoco.mjtWarning.mjWARN_BADQACC,
-)
+_BAD = mujoco.mjtWarning
+_DIVERGENCE = np.array([_BAD.mjWARN_BADQPOS, _BAD.mjWARN_BADQVEL, _BAD.mjWARN_BADQACC], np.intp)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,7 +207,7 @@ class PlantModel:
 
     def diverged(self, data: mujoco.MjData) -> bool:
         """Check if the simulation has met values that are not finite, or huge."""
-        return any(data.warning[kind].number for kind in _DIVERGENCE)
+        return any(data.warning.number[_DIVERGENCE].tolist())
 
     def in_gap(self, data: mujoco.MjData) -> BoolArray:
         """(17,) whether the teeth of each gear are apart: |q - theta| <= half_gap."""

@@ -13,7 +13,84 @@ from pepper_driver.backends.mujoco_.plant_model import PlantModel
 from pepper_driver.backends.simulated import Resumable
 from pepper_driver.config import PlantConfig, RobotConfig, UnknownNameError
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.kernels import Matrix, Out, kernel
 from pepper_driver.config.parts import Frame
+
+
+@kernel
+def move_point(
+    position: FloatArray,
+    rotation: Matrix[FloatArray],
+    twist: FloatArray,
+    centre: FloatArray,
+    point: FloatArray,
+    velocity: Out[FloatArray],
+) -> None:
+    """Compute the velocity of a point of a link.
+
+    Args:
+        position, rotation: (3,) [m] and (3, 3) pose of the link in the world.
+        twist: (6,) rotation [rad/s] and translation [m/s] of the link, about ``centre`` (3,) [m].
+        point: (3,) in the link [m].
+        velocity: (3,) in the world [m/s].
+    """
+    x, y, z = twist[:3]
+    arm = np.empty(3)
+    for k in range(3):
+        turned = rotation[k, 0] * point[0] + rotation[k, 1] * point[1] + rotation[k, 2] * point[2]
+        arm[k] = position[k] + turned - centre[k]
+    velocity[0] = twist[3] + (y * arm[2] - z * arm[1])
+    velocity[1] = twist[4] + (z * arm[0] - x * arm[2])
+    velocity[2] = twist[5] + (x * arm[1] - y * arm[0])
+
+
+@kernel
+def turn_back(
+    rotation: Matrix[FloatArray],
+    vector: FloatArray,
+    mounting: Matrix[FloatArray],
+    result: Out[FloatArray],
+) -> None:
+    """Turn a (3,) vector of the world into the axes of a unit that is mounted (3, 3) on a link of this rotation."""
+    for k in range(3):
+        result[k] = 0.0
+        for i in range(3):
+            for m in range(3):
+                result[k] += mounting[m, k] * rotation[i, m] * vector[i]
+
+
+@kernel
+def read_inertial_unit(
+    position: FloatArray,
+    rotation: Matrix[FloatArray],
+    twist: FloatArray,
+    centre: FloatArray,
+    point: FloatArray,
+    mounting: Matrix[FloatArray],
+    gravity: FloatArray,
+    cycle: float,
+    velocity: Out[FloatArray],
+    reading: Out[Matrix[FloatArray]],
+) -> None:
+    """Compute acceleration, angular velocity and attitude: the rows of ``reading`` (3, 3).
+
+    ``velocity`` (3,) of the unit is that of the reading before, and then that of this one [m/s]; other arguments as in
+    :func:`move_point` and :func:`turn_back`.
+    """
+    before = velocity.copy()
+    move_point(position, rotation, twist, centre, point, velocity)
+    turn_back(rotation, (velocity - before) / cycle - gravity, mounting, reading[0])
+    turn_back(rotation, twist[:3], mounting, reading[1])
+    xx, yx, zx, zy, zz = 0.0, 0.0, 0.0, 0.0, 0.0  # of the rotation from unit to world
+    for m in range(3):
+        xx += rotation[0, m] * mounting[m, 0]
+        yx += rotation[1, m] * mounting[m, 0]
+        zx += rotation[2, m] * mounting[m, 0]
+        zy += rotation[2, m] * mounting[m, 1]
+        zz += rotation[2, m] * mounting[m, 2]
+    reading[2, 0] = math.atan2(zy, zz)
+    reading[2, 1] = math.asin(min(max(-zx, -1.0), 1.0))
+    reading[2, 2] = math.atan2(yx, xx)
 
 
 class InertialUnit(Resumable):
@@ -27,42 +104,36 @@ class InertialUnit(Resumable):
 
     def __init__(self, robot: RobotConfig, mj: mujoco.MjModel, data: mujoco.MjData) -> None:
         frame: Frame = robot.sensors.imu
-        self._mj, self._data, self._cycle = mj, data, robot.cycle
-        self._body = mj.body(frame.parent).id
-        self._xyz = np.array(frame.xyz)
+        body = mj.body(frame.parent).id
         rotation, quaternion = np.empty(9), np.empty(4)
         mujoco.mju_euler2Quat(quaternion, np.array(frame.rpy), "XYZ")  # fixed axes, as in a URDF
         mujoco.mju_quat2Mat(rotation, quaternion)
-        self._rotation_unit_to_link = rotation.reshape(3, 3)
+        self._body = (
+            data.xpos[body],
+            data.xmat[body].reshape(3, 3),
+            data.cvel[body],
+            data.subtree_com[mj.body_rootid[body]],
+        )
+        self._unit = (
+            np.array(frame.xyz),
+            rotation.reshape(3, 3),
+            np.array(mj.opt.gravity),
+            robot.cycle,
+        )
         self._velocity = np.zeros(3)
-        self._twist, self._arm = np.empty(6), np.empty(3)
+        self._move_point, self._read = move_point.load(), read_inertial_unit.load()
 
     def reset(self) -> Imu:
         """As if the unit had moved on as it moves now."""
-        return self._reading(first=True)
+        self._move_point(*self._body, self._unit[0], self._velocity)
+        return self.read()
 
     def read(self) -> Imu:
         """One cycle later."""
-        return self._reading(first=False)
-
-    def _reading(self, *, first: bool) -> Imu:
-        data, twist, arm = self._data, self._twist, self._arm
-        rotation_link_to_world = data.xmat[self._body].reshape(3, 3)
-        mujoco.mj_objectVelocity(self._mj, data, mujoco.mjtObj.mjOBJ_XBODY, self._body, twist, 0)
-        angular = twist[:3]
-        mujoco.mju_cross(arm, angular, rotation_link_to_world @ self._xyz)
-        velocity = twist[3:] + arm
-        change = 0.0 * velocity if first else (velocity - self._velocity) / self._cycle
-        self._velocity = velocity
-        rotation_unit_to_world = rotation_link_to_world @ self._rotation_unit_to_link
-        (xx, _, _), (yx, _, _), (zx, zy, zz) = rotation_unit_to_world.tolist()
-        roll, yaw = math.atan2(zy, zz), math.atan2(yx, xx)
-        pitch = math.asin(min(max(-zx, -1.0), 1.0))
-        return Imu(
-            acceleration=(change - self._mj.opt.gravity) @ rotation_unit_to_world,
-            angular_velocity=angular @ rotation_unit_to_world,
-            attitude=np.array([roll, pitch, yaw]),
-        )
+        reading = np.empty((3, 3))
+        self._read(*self._body, *self._unit, self._velocity, reading)
+        acceleration, angular_velocity, attitude = reading
+        return Imu(acceleration=acceleration, angular_velocity=angular_velocity, attitude=attitude)
 
 
 class TouchSensors(Resumable):
@@ -147,6 +218,31 @@ class TouchSensors(Resumable):
             self._quiet = True
 
 
+@kernel
+def count_positions(
+    position: FloatArray, noise: FloatArray, amplitude: float, step: float, counts: Out[FloatArray]
+) -> None:
+    """Write (n,) positions [rad], with normal ``noise`` (n,) times an ``amplitude`` [rad], in whole ``step`` [rad]."""
+    for j in range(len(position)):
+        counts[j] = np.rint((position[j] + amplitude * noise[j]) / step) * step
+
+
+@kernel
+def count_currents(
+    current: FloatArray,
+    noise: FloatArray,
+    amplitude: float,
+    step: float,
+    gain: float,
+    smoothed: Out[FloatArray],
+    counts: Out[FloatArray],
+) -> None:
+    """Take (n,) currents [A] into a low-pass; write its size with noise in whole ``step`` [A]."""
+    for j in range(len(current)):
+        smoothed[j] += gain * (current[j] - smoothed[j])
+        counts[j] = np.rint(abs(smoothed[j] + amplitude * noise[j]) / step) * step
+
+
 class Encoders(Resumable):
     """Joint encoders: noise, 12-bit counts, a delay of whole cycles, and samples that come late.
 
@@ -163,6 +259,7 @@ class Encoders(Resumable):
         self._late = transport.late if transport.longest_late else 0.0
         self._longest_late = transport.longest_late
         self._rng = rng
+        self._count_positions = count_positions.load()
         self._delayed: deque[FloatArray] = deque(maxlen=transport.encoder_delay + 1)
 
     def reset(self, position: FloatArray) -> FloatArray:
@@ -184,8 +281,10 @@ class Encoders(Resumable):
         return self._read
 
     def _count(self, position: FloatArray) -> FloatArray:
-        noisy = position + self._noise * self._rng.standard_normal(position.shape)
-        return np.rint(noisy / self._step) * self._step
+        counts = np.empty(len(position))
+        noise = self._rng.standard_normal(len(position))
+        self._count_positions(position, noise, self._noise, self._step, counts)
+        return counts
 
 
 class CurrentSensors(Resumable):
@@ -199,20 +298,22 @@ class CurrentSensors(Resumable):
         self._gain = 1.0 - float(np.exp(-robot.cycle / plant.transport.current_time))
         self._rng = rng
         self._smoothed = np.zeros(len(robot.joint_names))
+        self._none = np.zeros(len(robot.joint_names))
+        self._count_currents = count_currents.load()
 
     def reset(self) -> FloatArray:
         """Start from no current; returns the first reading (17,) [A]."""
         self._smoothed[:] = 0.0
-        return self._quantised()
+        return self.read(self._none)
 
     def read(self, current: FloatArray) -> FloatArray:
         """Take in the size of the mean current (17,) of one cycle [A]; returns the reading."""
-        self._smoothed += self._gain * (current - self._smoothed)
-        return self._quantised()
-
-    def _quantised(self) -> FloatArray:
-        noisy = self._smoothed + self._noise * self._rng.standard_normal(self._smoothed.shape)
-        return np.asarray(np.rint(np.abs(noisy) / self._step) * self._step)
+        counts = np.empty(len(current))
+        noise = self._rng.standard_normal(len(current))
+        self._count_currents(
+            current, noise, self._noise, self._step, self._gain, self._smoothed, counts
+        )
+        return counts
 
 
 class CommandDelayLine(Resumable):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, ClassVar
 
 import mujoco
@@ -17,6 +18,7 @@ from pepper_driver.backends.simulated import Resumable, TrueContact, Truth
 from pepper_driver.config import PlantConfig, RobotConfig, World
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.errors import check_name
+from pepper_driver.config.kernels import Out, kernel
 
 LYING = 0.05
 """[rad] Before the tilt at which the base lies, where it still rocks."""
@@ -111,6 +113,42 @@ class MujocoTruth(Truth):
         return pose
 
 
+@kernel
+def plan_cycle(
+    position: FloatArray,
+    stiffness: FloatArray,
+    brakes: BoolArray,
+    reach: float,
+    steps: int,
+    target: Out[FloatArray],
+    braked_at: Out[FloatArray],
+    held: Out[FloatArray],
+    share: Out[FloatArray],
+) -> None:
+    """Plan how the boards' targets run over the steps of a cycle.
+
+    Args:
+        position: (n,) command [rad].
+        stiffness: (n,) 0..1.
+        brakes: (n,) joints with a brake.
+        reach: Furthest way of a target in a cycle [rad].
+        steps: Of physics in a cycle.
+        target: (n,) at the beginning; on return at the end of the cycle [rad].
+        braked_at: (n,) where a brake holds [rad].
+        held: (n,) stiffness of the boards: a closed brake holds like a board at full stiffness.
+        share: (n,) way of the target in each step [rad].
+    """
+    for j in range(len(position)):
+        goal, held[j] = position[j], stiffness[j]
+        # A brake holds where it closed; it stays until the stiffness returns.
+        if brakes[j] and stiffness[j] <= 0.0:
+            goal, held[j] = braked_at[j], 1.0
+        braked_at[j] = goal
+        way = min(max(goal - target[j], -reach), reach)
+        share[j] = way / steps
+        target[j] += way
+
+
 class Simulation(Resumable):
     """A simulated robot, without the transport between it and its reader.
 
@@ -133,8 +171,8 @@ class Simulation(Resumable):
         self.contacts = Contacts(robot, self.model, self.data, world)
         self._friction = JointFriction(robot, plant, self.model, self.data)
         self._steps = round(robot.cycle / plant.physics.timestep)
-        self._speed_limit = plant.board.speed_limit
-        self._cycle = robot.cycle
+        limit = plant.board.speed_limit
+        self._reach = math.inf if limit is None else limit * robot.cycle
         self._brakes = np.array([name in plant.board.brakes for name in robot.joint_names])
         self._resistance = np.array([robot.motors.of(n).resistance for n in robot.joint_names])
         self._constant = np.array([robot.motors.of(n).torque_constant for n in robot.joint_names])
@@ -144,6 +182,8 @@ class Simulation(Resumable):
         self._voltage = ArrayView(self.data.ctrl, self.model.actuator)
         self.current = np.zeros(n)
         self._target, self._braked_at = np.zeros(n), np.zeros(n)
+        self._now, self._held, self._share = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._plan = plan_cycle.load()
         self._warmth: ThermalState | None = None
 
     @property
@@ -186,34 +226,33 @@ class Simulation(Resumable):
             wheel_stiffness: (3,) 0..1, fraction of its torque that each wheel's drive may use.
         """
         boards, supply = self.boards, self.supply
-        # A brake holds where it closed; it stays until the stiffness returns.
-        braked = self._brakes & (stiffness <= 0.0)
-        if braked.any():
-            position = np.where(braked, self._braked_at, position)
-            stiffness = np.where(braked, 1.0, stiffness)
-        self._braked_at = position
-        travel = position - self._target
-        if self._speed_limit is not None:
-            reach = self._speed_limit * self._cycle
-            travel = np.clip(travel, -reach, reach)
+        now, held, share = self._now, self._held, self._share
+        np.copyto(now, self._target)
+        self._plan(
+            position,
+            stiffness,
+            self._brakes,
+            self._reach,
+            self._steps,
+            self._target,
+            self._braked_at,
+            held,
+            share,
+        )
         if supply.warmth is not self._warmth:
             self._warm(supply.warmth)
-        boards.begin_cycle(stiffness, supply.voltage)
+        boards.begin_cycle(held, supply.voltage)
         self.wheels.begin_cycle(wheel_speed, wheel_stiffness)
         self.contacts.begin_cycle()
-        current = np.zeros_like(position)
-        target, share = self._target.copy(), travel / self._steps
-        friction, contacts = self._friction, self.contacts
-        position_now, speed, output = self._link_angle, self._motor_speed, self._voltage
+        link_angle, motor_speed, output = self._link_angle, self._motor_speed, self._voltage
+        set_friction, step = self._friction.update, self.contacts.step
         for _ in range(self._steps):
-            target += share
-            voltage = boards.update(target, position_now.read(), speed.read())
+            np.add(now, share, now)
+            voltage = boards.update(now, link_angle.read(), motor_speed.read())
             output.write(voltage)
-            friction.update()
-            contacts.step()
-            current += boards.current
-        self._target = self._target + travel
-        self.current = np.abs(current) / self._steps
+            set_friction()
+            step()
+        self.current = boards.mean_current(self._steps)
         self.wheels.end_cycle()
         self.contacts.end_cycle()
         power = float(voltage @ boards.current)

@@ -17,116 +17,198 @@ import numpy as np
 from pepper_driver.backends.mujoco_.plant_model import grip
 from pepper_driver.backends.simulated import Resumable
 from pepper_driver.config import PlantConfig, RobotConfig
-from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.arrays import FloatArray, ShortArray
+from pepper_driver.config.kernels import Matrix, Out, Records, Strided, kernel, make_records
+
+
+class Wheel:
+    """One wheel: its drive, where MuJoCo has it, and its state.
+
+    ``forward``, ``left`` and ``turn`` are its row of the matrix from the base's twist to wheel speeds. ``integral`` is
+    that of the speed control [rad/s], within ``headroom``; ``load`` the force with which the floor carries it [N].
+    """
+
+    forward: float
+    left: float
+    turn: float
+    stiffness: float
+    headroom: float
+    integral: float
+    load: float
+    actuator: int
+    dof: int
+    tendon: int
+    wrap: int
+    geom: int
+
+
+@kernel
+def set_wheel_stiffness(
+    wheels: Out[Records[Wheel]],
+    stiffness: FloatArray,
+    gain: float,
+    torque_limit: float,
+    gainprm: Out[Matrix[FloatArray]],
+    biasprm: Out[Matrix[FloatArray]],
+    forcerange: Out[Matrix[FloatArray]],
+) -> None:
+    """Bound the torque of each drive to a fraction 0..1 of its limit; at 0 the wheel coasts, and forgets its past."""
+    for i in range(len(wheels)):
+        wheel = wheels[i]
+        driven = gain if stiffness[i] > 0.0 else 0.0
+        limit = torque_limit * stiffness[i]
+        gainprm[wheel.actuator, 0], biasprm[wheel.actuator, 2] = driven, -driven
+        forcerange[wheel.actuator, 0], forcerange[wheel.actuator, 1] = -limit, limit
+        wheel.headroom = limit / gain
+        if not (stiffness[i] > 0.0 and wheel.stiffness > 0.0):
+            wheel.integral = 0.0
+        wheel.stiffness = stiffness[i]
+
+
+@kernel
+def drive_wheels(
+    wheels: Out[Records[Wheel]],
+    command: FloatArray,
+    speed_limit: float,
+    integral_gain: float,
+    qvel: FloatArray,
+    ctrl: Out[FloatArray],
+) -> None:
+    """Set the drives of all wheels for a cycle towards ``command`` (3,) [rad/s]."""
+    for i in range(len(wheels)):
+        wheel = wheels[i]
+        target = min(max(command[i], -speed_limit), speed_limit)
+        wheel.integral += integral_gain * (target - qvel[wheel.dof])
+        wheel.integral = max(min(wheel.integral, wheel.headroom), -wheel.headroom)
+        ctrl[wheel.actuator] = target + wheel.integral
+
+
+@kernel
+def set_grip(
+    wheels: Records[Wheel],
+    yaw: float,
+    friction_radius: float,
+    wrap_prm: Out[FloatArray],
+    frictionloss: Out[FloatArray],
+) -> None:
+    """Set slip and grip of all wheels at a heading of the base [rad]."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    for i in range(len(wheels)):
+        wheel = wheels[i]
+        # Slip = wheel speed - row @ twist, the twist of the base turned from world into base axes.
+        wrap_prm[wheel.wrap + 1] = wheel.left * sin - wheel.forward * cos
+        wrap_prm[wheel.wrap + 2] = -wheel.forward * sin - wheel.left * cos
+        frictionloss[wheel.tendon] = friction_radius * wheel.load
+
+
+@kernel
+def sum_floor_forces(
+    wheels: Out[Records[Wheel]],
+    floor: int,
+    pairs: Strided[Matrix[ShortArray]],
+    rows: Strided[ShortArray],
+    forces: FloatArray,
+) -> None:
+    """Sum the normal forces of the floor on each wheel; of a contact without friction it is the solver's one force."""
+    for i in range(len(wheels)):
+        wheels[i].load = 0.0
+    for k in range(len(rows)):
+        one, other = pairs[k, 0], pairs[k, 1]
+        if rows[k] < 0 or floor not in (one, other):
+            continue
+        for i in range(len(wheels)):
+            if wheels[i].geom in (one, other):
+                wheels[i].load += forces[rows[k]]
 
 
 class WheelDynamics(Resumable):
     """Speed control and grip of the wheels, once a cycle.
 
     Attributes:
-        load: (3,) force with which the floor carries each wheel [N], at the end of the last cycle.
+        rolling: True for a base that rolls.
+        wheels: Drive and state of each.
     """
 
-    STATE = ("load", "_integral", "_stiffness")
+    STATE = ("wheels",)
 
     def __init__(
         self, robot: RobotConfig, plant: PlantConfig, mj: mujoco.MjModel, data: mujoco.MjData
     ) -> None:
-        names = robot.wheels.names
+        names, rows = robot.wheels.names, robot.wheels.matrix
         self._mj, self._data = mj, data
         self._limit = robot.wheels.speed_limit
         self._gain = plant.wheels.gain
         self._integral_gain = robot.cycle / plant.wheels.integral_time
         self._torque_limit = plant.wheels.torque_limit
-        self._actuator = np.array([mj.actuator(name).id for name in names])
         self._dof = np.array([mj.joint(name).dofadr[0] for name in names])
+        self.wheels = make_records(
+            Wheel,
+            len(names),
+            forward=rows[:, 0],
+            left=rows[:, 1],
+            turn=rows[:, 2],
+            actuator=[mj.actuator(name).id for name in names],
+            dof=self._dof,
+        )
         self.rolling = plant.base == "rolling"
-        self._radius = robot.wheels.radius
-        self._rows = robot.wheels.matrix
-        self._grip = plant.wheels.floor_friction
         if self.rolling:
             self._yaw = int(mj.joint("base_yaw").qposadr[0])
-            self._tendon = np.array([mj.tendon(grip(name)).id for name in names])
-            self._wrap = mj.tendon_adr[self._tendon][:, None] + np.arange(4)
-            self._coefficients = np.column_stack([np.ones(3), np.zeros((3, 2)), -self._rows[:, 2]])
-            self._tyre = [int(mj.body_geomadr[mj.jnt_bodyid[mj.joint(n).id]]) for n in names]
-            self._wheel_of = {geom: number for number, geom in enumerate(self._tyre)}
-            self._floor = mj.geom("floor").id
-            self._base = mj.body("base_link").id
-        self._integral, self._stiffness = np.zeros(3), np.zeros(3)
-        self.load = np.zeros(3)
-        self._set_stiffness(np.zeros(3))
+            tendons = [mj.tendon(grip(name)).id for name in names]
+            self.wheels["tendon"], self.wheels["wrap"] = tendons, mj.tendon_adr[tendons]
+            self.wheels["geom"] = [mj.body_geomadr[mj.jnt_bodyid[mj.joint(n).id]] for n in names]
+            mj.wrap_prm[self.wheels["wrap"]] = 1.0
+            mj.wrap_prm[self.wheels["wrap"] + 3] = -self.wheels["turn"]
+            self._friction_radius = plant.wheels.floor_friction * robot.wheels.radius
+            self._floor = int(mj.geom("floor").id)
+            weight = float(mj.body_subtreemass[mj.body("base_link").id]) * -float(mj.opt.gravity[2])
+            self._even_load = weight / len(names)
+        self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
+        self._drives = mj.actuator_gainprm, mj.actuator_biasprm, mj.actuator_forcerange
+        self._grips = mj.wrap_prm, mj.tendon_frictionloss
+        self._set_stiffness, self._drive = set_wheel_stiffness.load(), drive_wheels.load()
+        self._set_grip, self._sum_floor_forces = set_grip.load(), sum_floor_forces.load()
+        self._begin(np.zeros(len(names)))
 
     @property
     def speed(self) -> FloatArray:
         """(3,) wheel speeds [rad/s]."""
-        return np.array(self._data.qvel[self._dof])
+        return self._qvel.take(self._dof)
+
+    @property
+    def load(self) -> FloatArray:
+        """(3,) force with which the floor carries each wheel [N], at the end of the last cycle."""
+        return self.wheels["load"].copy()
 
     def reset(self) -> None:
         """No integral; the wheels carry the robot evenly."""
-        self._set_stiffness(np.zeros(3))
+        self._begin(np.zeros(len(self.wheels)))
         if self.rolling:
-            weight = float(self._mj.body_subtreemass[self._base]) * -float(self._mj.opt.gravity[2])
-            self.load = np.full(3, weight / 3)
+            self.wheels["load"] = self._even_load
 
     def restore(self, saved: dict[str, Any]) -> None:
         """As it was, the drives powered or not."""
         super().restore(saved)
-        self._set_stiffness(self._stiffness)
+        self._begin(self.wheels["stiffness"].copy())
 
     def begin_cycle(self, command: FloatArray, stiffness: FloatArray) -> None:
         """Drive towards ``command`` (3,) [rad/s] for one cycle.
 
         ``stiffness`` (3,) 0..1 is the fraction of its torque that each drive may use; at 0 the wheel coasts.
         """
-        if not np.array_equal(stiffness, self._stiffness):
-            self._set_stiffness(stiffness)
-        target = np.minimum(np.maximum(command, -self._limit), self._limit)
-        self._integral += self._integral_gain * (target - self._data.qvel[self._dof])
-        np.minimum(self._integral, self._headroom, out=self._integral)
-        np.maximum(self._integral, -self._headroom, out=self._integral)
-        self._data.ctrl[self._actuator] = target + self._integral
+        self._begin(stiffness)
+        self._drive(self.wheels, command, self._limit, self._integral_gain, self._qvel, self._ctrl)
         if self.rolling:
-            self._set_grip(self.load)
+            self._set_grip(
+                self.wheels, float(self._qpos[self._yaw]), self._friction_radius, *self._grips
+            )
 
-    def _set_stiffness(self, stiffness: FloatArray) -> None:
-        gain = np.where(stiffness > 0.0, self._gain, 0.0)
-        limit = self._torque_limit * stiffness
-        self._mj.actuator_gainprm[self._actuator, 0] = gain
-        self._mj.actuator_biasprm[self._actuator, 2] = -gain
-        self._mj.actuator_forcerange[self._actuator] = np.column_stack([-limit, limit])
-        self._headroom = limit / self._gain
-        driven = (stiffness > 0.0) & (self._stiffness > 0.0)
-        self._integral = np.where(driven, self._integral, 0.0)
-        self._stiffness = stiffness.copy()
+    def _begin(self, stiffness: FloatArray) -> None:
+        self._set_stiffness(self.wheels, stiffness, self._gain, self._torque_limit, *self._drives)
 
     def end_cycle(self) -> None:
         """Take in what the floor carried in the last step of physics."""
         if self.rolling:
-            self.load = self._floor_forces()
-
-    def _floor_forces(self) -> FloatArray:
-        """(3,) normal force on each wheel [N]; of a contact without friction it is the one force of the solver."""
-        data, load = self._data, np.zeros(3)
-        if data.ncon == 0:
-            return load
-        contact = data.contact
-        pairs, rows = contact.geom.tolist(), contact.efc_address.tolist()
-        forces = data.efc_force
-        for (one, other), row in zip(pairs, rows, strict=True):
-            if row < 0 or self._floor not in (one, other):
-                continue
-            wheel = self._wheel_of.get(other if one == self._floor else one)
-            if wheel is not None:
-                load[wheel] += forces[row]
-        return load
-
-    def _set_grip(self, load: FloatArray) -> None:
-        yaw = float(self._data.qpos[self._yaw])
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        forward, left = self._rows[:, 0], self._rows[:, 1]
-        # Slip = wheel speed - row @ twist, the twist of the base turned from world into base axes.
-        self._coefficients[:, 1] = left * sin - forward * cos
-        self._coefficients[:, 2] = -forward * sin - left * cos
-        self._mj.wrap_prm[self._wrap] = self._coefficients
-        self._mj.tendon_frictionloss[self._tendon] = self._grip * self._radius * load
+            data, contact = self._data, self._data.contact
+            self._sum_floor_forces(
+                self.wheels, self._floor, contact.geom, contact.efc_address, data.efc_force
+            )

@@ -149,7 +149,7 @@ def test_the_integral_stands_still_while_a_bound_is_met() -> None:
     update(boards, 3.0, count=LONG)
     assert boards.saturated.all()
     begin(boards)
-    boards._smoothed[:] = small()  # as if the derivative had died away
+    boards.boards["smoothed"] = small()  # as if the derivative had died away
     np.testing.assert_allclose(update(boards, small()), KP * small(), rtol=1e-9)
 
 
@@ -157,11 +157,13 @@ def test_the_integral_unwinds_out_of_a_bound() -> None:
     """Wound up as far as it goes, it holds the voltage at its bound; an error of the other sign lets it down there."""
     ki, wound_up = 1000.0, VOLTAGE
     boards = boards_of(plain(ki=ki))
-    boards._integral[:] = wound_up
-    boards._smoothed[:] = -small()  # no derivative
+    boards.boards["integral"] = wound_up
+    boards.boards["smoothed"] = -small()  # no derivative
     update(boards, -small(), count=10)
     assert boards.saturated.all()
-    np.testing.assert_allclose(boards._integral, wound_up - ki * small() * 10 * STEP, rtol=1e-9)
+    np.testing.assert_allclose(
+        boards.boards["integral"], wound_up - ki * small() * 10 * STEP, rtol=1e-9
+    )
 
 
 def test_the_integral_is_bounded() -> None:
@@ -190,7 +192,7 @@ def test_the_integral_is_let_go_without_stiffness() -> None:
     update(boards, small() / 4, count=LONG)
     begin(boards, stiffness=0.0)
     begin(boards)
-    boards._smoothed[:] = small() / 4
+    boards.boards["smoothed"] = small() / 4
     np.testing.assert_allclose(update(boards, small() / 4), KP * small() / 4, rtol=1e-9)
 
 
@@ -209,7 +211,7 @@ def test_the_dead_band_is_silent_inside_and_continuous_at_its_edge() -> None:
             for sign in (1, -1):
                 plant = plain(ki=ki, dead_band=0.001)
                 boards = boards_of(plant)
-                boards._dead_band, boards._minus_dead_band = band, -band
+                boards.boards["dead_band"] = band
                 voltage = update(boards, sign * share * band, count=LONG)
                 expected = sign * seen * band * (KP + ki * (LONG - 1) * STEP)
                 np.testing.assert_allclose(voltage, expected, atol=1e-9, rtol=1e-6)

@@ -81,6 +81,11 @@ def test_motors_warm_towards_ambient_plus_rise_times_loss(copper: float) -> None
         np.testing.assert_allclose(supply.temperature, expected, rtol=2e-3)
 
 
+def at(supply: Supply, temperature: float) -> None:
+    """Let all motors have this temperature [deg C]."""
+    supply.restore({**supply.save(), "temperature": np.full(N, temperature)})
+
+
 def test_factors_are_linear_around_the_reference_and_bounded() -> None:
     plant = with_heat(
         plain(), start=60.0, reference=40.0, copper=0.004, magnet=-0.001, grease=-0.006
@@ -89,13 +94,13 @@ def test_factors_are_linear_around_the_reference_and_bounded() -> None:
     np.testing.assert_allclose(supply.warmth.copper, 1.08)
     np.testing.assert_allclose(supply.warmth.magnet, 0.98)
     np.testing.assert_allclose(supply.warmth.grease, 0.88)
-    supply.temperature[:] = 40.0
+    at(supply, 40.0)
     for factor in (supply.warmth.copper, supply.warmth.magnet, supply.warmth.grease):
         np.testing.assert_allclose(factor, 1.0)
-    supply.temperature[:] = 1e4
+    at(supply, 1e4)
     np.testing.assert_allclose(supply.warmth.grease, WARMEST_FRICTION)
     assert (supply.warmth.magnet > 0).all()
-    supply.temperature[:] = -1e4
+    at(supply, -1e4)
     np.testing.assert_allclose(supply.warmth.grease, COLDEST_FRICTION)
     assert (supply.warmth.copper > 0).all()
 
