@@ -101,7 +101,7 @@ def record_type(of: type[Any]) -> np.dtype[np.void]:
 
 def make_records(of: type[T], count: int, /, **values: object) -> Records[T]:
     """Return ``count`` records of a class, zero but for ``values``: by name, one number or (count,) numbers."""
-    records = np.zeros(count, record_type(of))
+    records = np.zeros(count, record_type(cast(Any, of)))
     for name, value in values.items():
         records[name] = value
     return cast(Records[T], records)
@@ -138,15 +138,14 @@ class Kernel(Generic[P, R]):
 
     def key(self) -> str:
         """Return a hash of all that the compiled code follows from: texts, constants, types, checks of bounds."""
-        import numba
+        from numba.core import config
 
-        function = self._function
-        parts = [Path(function.__code__.co_filename).read_bytes().decode()]
-        parts.append(str(numba.config.BOUNDSCHECK))
+        text = Path(self._function.__code__.co_filename).read_text(encoding="utf-8")
+        parts = [text, f"{config.BOUNDSCHECK=}"]  # type: ignore[attr-defined]
         for name, value in self._globals().items():
             if isinstance(value, Kernel):
                 parts.append(value.key())
-            elif isinstance(value, int | float):
+            elif isinstance(value, int | float | tuple | np.ndarray):
                 parts.append(f"{name}={value!r}")
         parts += [str(kind) for kind in self._signature()]
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
@@ -161,7 +160,7 @@ class Kernel(Generic[P, R]):
         return tuple(_numba_type(self.name, hint) for hint in hints.values())
 
     def _compile(self) -> Callable[P, R]:
-        import numba
+        from numba.core import config
 
         # Kernels that it calls are compiled first, and become part of it.
         function = self._function
@@ -171,47 +170,52 @@ class Kernel(Generic[P, R]):
         )
         linked.__module__, linked.__qualname__ = function.__module__, function.__qualname__
         signature, folder = self._signature(), cache_folder()
-
-        def compiled(keep: bool) -> Any:
-            return numba.njit(
-                signature,
-                cache=keep,
-                error_model="numpy",  # 1 / 0 is infinite, as in NumPy
-            )(linked)
-
         if folder is None:
             _announce()
-            return cast(Callable[P, R], compiled(False))
-        before = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = str(folder / f"{self.name}-{self.key()}")
+            return _jit(linked, signature, keep=False)
+        own = folder / f"{self.name}-{self.key()}"
+        settings = cast(Any, config)
+        before, settings.CACHE_DIR = settings.CACHE_DIR, str(own)
         try:
-            made = compiled(True)
-            if not made.stats.cache_hits:
-                _announce()
-        except (OSError, EOFError, ValueError, RuntimeError, ImportError) as error:
+            compiled = _jit(linked, signature, keep=True)
+        except Exception as error:
             # A full disk, a file that was cut short: the kernel is needed all the same.
-            logger.warning("%s: kernels in it are not usable (%s)", folder, reason(error))
-            made = compiled(False)
+            compiled = _jit(linked, signature, keep=False)
+            logger.warning(
+                "%s: a kernel in it cannot be kept or read (%s); remove it", own, reason(error)
+            )
         finally:
-            numba.config.CACHE_DIR = before
-        return cast(Callable[P, R], made)
+            settings.CACHE_DIR = before
+        if not cast(Any, compiled).stats.cache_hits:
+            _announce()
+        return compiled
 
 
 _COMPILING = threading.RLock()
 
 
+def _jit(function: Callable[P, R], signature: tuple[Any, ...], *, keep: bool) -> Callable[P, R]:
+    """Compile a function, or read it from the cache; numba never compiles it for other types."""
+    import numba
+
+    # As in NumPy 1 / 0 is infinite.
+    compile = cast(Any, numba.njit(signature, cache=keep, error_model="numpy"))
+    return cast(Callable[P, R], compile(function))
+
+
 def kernel(function: Callable[P, R]) -> Kernel[P, R]:
     """Make a kernel of a function that changes arrays in place, or returns a number.
 
-    Its annotations are its signature: ``float``, ``int``, ``bool``, ``FloatArray``, ``BoolArray``, ``IntArray``,
-    ``ShortArray``, ``StateArray``, ``Records[...]``, with ``Matrix[...]``, ``Block[...]``, ``Strided[...]`` and
-    ``Out[...]`` around them, or the class of a record. It may call other kernels, and functions of NumPy and ``math``, and use constants of its module. A value that
-    is not finite goes through its arithmetic as in NumPy; it must not become an index.
+    Its annotations are its signature: ``float``, ``int``, ``bool``; ``FloatArray``, ``BoolArray``, ``IntArray``,
+    ``ShortArray``, ``StateArray`` and ``Records[...]``, with ``Matrix[...]``, ``Block[...]``, ``Strided[...]`` and
+    ``Out[...]`` around them; or the class of a record. It may call other kernels and functions of NumPy and ``math``,
+    and use constants of its module. A value that is not finite goes through its arithmetic as in NumPy; it must not
+    become an index.
     """
     return Kernel(function)
 
 
-def _numba_type(name: str, hint: Any) -> Any:
+def _numba_type(name: str, hint: Any) -> Any:  # noqa: ANN401 an annotation can be anything
     """Return numba's type of an argument; raises TypeError for an annotation that no kernel takes."""
     import numba
 
@@ -231,7 +235,7 @@ def _numba_type(name: str, hint: Any) -> Any:
         raise TypeError(f"kernel {name}: an argument cannot be {hint}")
     axes = 3 if _BLOCK in marks else 2 if _MATRIX in marks else 1
     layout = "A" if _STRIDED in marks else "C"
-    return numba.types.Array(element, axes, layout, readonly=_OUT not in marks)
+    return cast(Any, numba.types.Array)(element, axes, layout, readonly=_OUT not in marks)
 
 
 @cache

@@ -18,79 +18,54 @@ from pepper_driver.config.parts import Frame
 
 
 @kernel
-def move_point(
-    position: FloatArray,
-    rotation: Matrix[FloatArray],
-    twist: FloatArray,
-    centre: FloatArray,
-    point: FloatArray,
-    velocity: Out[FloatArray],
-) -> None:
-    """Compute the velocity of a point of a link.
-
-    Args:
-        position, rotation: (3,) [m] and (3, 3) pose of the link in the world.
-        twist: (6,) rotation [rad/s] and translation [m/s] of the link, about ``centre`` (3,) [m].
-        point: (3,) in the link [m].
-        velocity: (3,) in the world [m/s].
-    """
-    x, y, z = twist[:3]
-    arm = np.empty(3)
-    for k in range(3):
-        turned = rotation[k, 0] * point[0] + rotation[k, 1] * point[1] + rotation[k, 2] * point[2]
-        arm[k] = position[k] + turned - centre[k]
-    velocity[0] = twist[3] + (y * arm[2] - z * arm[1])
-    velocity[1] = twist[4] + (z * arm[0] - x * arm[2])
-    velocity[2] = twist[5] + (x * arm[1] - y * arm[0])
-
-
-@kernel
-def turn_back(
-    rotation: Matrix[FloatArray],
-    vector: FloatArray,
-    mounting: Matrix[FloatArray],
-    result: Out[FloatArray],
-) -> None:
-    """Turn a (3,) vector of the world into the axes of a unit that is mounted (3, 3) on a link of this rotation."""
-    for k in range(3):
-        result[k] = 0.0
-        for i in range(3):
-            for m in range(3):
-                result[k] += mounting[m, k] * rotation[i, m] * vector[i]
-
-
-@kernel
 def read_inertial_unit(
     position: FloatArray,
-    rotation: Matrix[FloatArray],
+    rotation_link_to_world: Matrix[FloatArray],
     twist: FloatArray,
     centre: FloatArray,
-    point: FloatArray,
-    mounting: Matrix[FloatArray],
+    place: FloatArray,
+    rotation_unit_to_link: Matrix[FloatArray],
     gravity: FloatArray,
     cycle: float,
-    velocity: Out[FloatArray],
+    first: bool,
+    last_velocity: Out[FloatArray],
     reading: Out[Matrix[FloatArray]],
 ) -> None:
-    """Compute acceleration, angular velocity and attitude: the rows of ``reading`` (3, 3).
+    """Write acceleration, angular velocity and attitude of a unit to the rows of ``reading`` (3, 3).
 
-    ``velocity`` (3,) of the unit is that of the reading before, and then that of this one [m/s]; other arguments as in
-    :func:`move_point` and :func:`turn_back`.
+    Args:
+        position: (3,) of the link in the world [m].
+        rotation_link_to_world: (3, 3).
+        twist: (6,) rotation [rad/s] and translation [m/s] of the link, about ``centre``.
+        centre: (3,) in the world [m].
+        place: (3,) of the unit in the link [m].
+        rotation_unit_to_link: (3, 3).
+        gravity: (3,) in the world [m/s2].
+        cycle: Time between two readings [s].
+        first: True if the unit has moved on as it moves now.
+        last_velocity: (3,) of the unit at the reading before, and then now [m/s].
+        reading: In the axes of the unit.
     """
-    before = velocity.copy()
-    move_point(position, rotation, twist, centre, point, velocity)
-    turn_back(rotation, (velocity - before) / cycle - gravity, mounting, reading[0])
-    turn_back(rotation, twist[:3], mounting, reading[1])
-    xx, yx, zx, zy, zz = 0.0, 0.0, 0.0, 0.0, 0.0  # of the rotation from unit to world
-    for m in range(3):
-        xx += rotation[0, m] * mounting[m, 0]
-        yx += rotation[1, m] * mounting[m, 0]
-        zx += rotation[2, m] * mounting[m, 0]
-        zy += rotation[2, m] * mounting[m, 1]
-        zz += rotation[2, m] * mounting[m, 2]
-    reading[2, 0] = math.atan2(zy, zz)
-    reading[2, 1] = math.asin(min(max(-zx, -1.0), 1.0))
-    reading[2, 2] = math.atan2(yx, xx)
+    arm, force, rotation = np.empty(3), np.empty(3), np.zeros((3, 3))  # from unit to world
+    for i in range(3):
+        arm[i] = position[i] - centre[i]
+        for k in range(3):
+            arm[i] += rotation_link_to_world[i, k] * place[k]
+            for m in range(3):
+                rotation[i, k] += rotation_link_to_world[i, m] * rotation_unit_to_link[m, k]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        velocity = twist[3 + i] + (twist[j] * arm[k] - twist[k] * arm[j])
+        force[i] = (0.0 if first else (velocity - last_velocity[i]) / cycle) - gravity[i]
+        last_velocity[i] = velocity
+    for k in range(3):
+        reading[0, k], reading[1, k] = 0.0, 0.0
+        for i in range(3):
+            reading[0, k] += force[i] * rotation[i, k]
+            reading[1, k] += twist[i] * rotation[i, k]
+    reading[2, 0] = math.atan2(rotation[2, 1], rotation[2, 2])
+    reading[2, 1] = math.asin(min(max(-rotation[2, 0], -1.0), 1.0))
+    reading[2, 2] = math.atan2(rotation[1, 0], rotation[0, 0])
 
 
 class InertialUnit(Resumable):
@@ -121,17 +96,19 @@ class InertialUnit(Resumable):
             robot.cycle,
         )
         self._velocity = np.zeros(3)
-        self._move_point, self._read = move_point.load(), read_inertial_unit.load()
+        self._read = read_inertial_unit.load()
 
     def reset(self) -> Imu:
         """As if the unit had moved on as it moves now."""
-        self._move_point(*self._body, self._unit[0], self._velocity)
-        return self.read()
+        return self._reading(first=True)
 
     def read(self) -> Imu:
         """One cycle later."""
+        return self._reading(first=False)
+
+    def _reading(self, *, first: bool) -> Imu:
         reading = np.empty((3, 3))
-        self._read(*self._body, *self._unit, self._velocity, reading)
+        self._read(*self._body, *self._unit, first, self._velocity, reading)
         acceleration, angular_velocity, attitude = reading
         return Imu(acceleration=acceleration, angular_velocity=angular_velocity, attitude=attitude)
 

@@ -172,12 +172,14 @@ class WheelDynamics(Resumable):
     @property
     def speed(self) -> FloatArray:
         """(3,) wheel speeds [rad/s]."""
-        return self._qvel.take(self._dof)
+        speed: FloatArray = self._qvel.take(self._dof)
+        return speed
 
     @property
     def load(self) -> FloatArray:
         """(3,) force with which the floor carries each wheel [N], at the end of the last cycle."""
-        return self.wheels["load"].copy()
+        load: FloatArray = self.wheels["load"].copy()
+        return load
 
     def reset(self) -> None:
         """No integral; the wheels carry the robot evenly."""
