@@ -229,7 +229,7 @@ def _numba_type(name: str, hint: Any) -> Any:  # noqa: ANN401 an annotation can 
         element = numba.from_dtype(record_type(get_args(hint)[0]))
     elif hint in _ARRAYS:
         element = getattr(numba.types, _ARRAYS[hint])
-    elif isinstance(hint, type) and hint.__annotations__:
+    elif getattr(hint, "__annotations__", None):
         return numba.from_dtype(record_type(hint))
     else:
         raise TypeError(f"kernel {name}: an argument cannot be {hint}")
