@@ -106,6 +106,9 @@ class TruthSample:
     saturated: BoolArray
 
 
+_SAMPLED = tuple(part.name for part in fields(TruthSample))
+
+
 class Truth(ABC):
     """Ground truth of a simulation, now. For the log and for evaluation; no estimator may hold a reference to it.
 
@@ -180,7 +183,7 @@ class Truth(ABC):
 
     def sample(self) -> TruthSample:
         """Return the present values for a log."""
-        return TruthSample(**{part.name: getattr(self, part.name) for part in fields(TruthSample)})
+        return TruthSample(**{name: getattr(self, name) for name in _SAMPLED})
 
 
 class Resumable:

@@ -211,8 +211,9 @@ class PlantModel:
 
     def in_gap(self, data: mujoco.MjData) -> BoolArray:
         """(17,) whether the teeth of each gear are apart: |q - theta| <= half_gap."""
-        phi = data.qpos[self.link_qpos] - data.qpos[self.motor_qpos]
-        return np.asarray(np.abs(phi) <= self.half_gap, dtype=np.bool_)
+        phi = data.qpos.take(self.link_qpos) - data.qpos.take(self.motor_qpos)
+        in_gap: BoolArray = np.abs(phi) <= self.half_gap
+        return in_gap
 
 
 def build_model(robot: RobotConfig, plant: PlantConfig, world: World | None = None) -> PlantModel:

@@ -81,7 +81,7 @@ class MujocoTruth(Truth):
         """(5,) x, y, yaw, pitch, roll."""
         if self._places is None:
             return np.zeros(5)
-        base: FloatArray = self._simulation.data.qpos[self._places]  # an index array copies
+        base: FloatArray = self._simulation.data.qpos.take(self._places)
         return base
 
     @property
@@ -189,7 +189,8 @@ class Simulation(Resumable):
     @property
     def position(self) -> FloatArray:
         """(17,) link-side joint positions [rad]."""
-        return np.array(self.data.qpos[self.model.link_qpos])
+        position: FloatArray = self.data.qpos.take(self.model.link_qpos)
+        return position
 
     def reset(self, posture: FloatArray) -> None:
         """Stand still in ``posture`` (17,) [rad], motors off, brakes on.

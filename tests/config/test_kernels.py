@@ -65,7 +65,7 @@ def divide(a: float, b: float) -> float:
 def sum_of_kinds(
     matrix: Matrix[FloatArray], block: Block[FloatArray], column: Strided[FloatArray], n: IntArray
 ) -> float:
-    return matrix[1, 2] + block[1, 2, 3] + column[1] + n[0]
+    return float(matrix[1, 2] + block[1, 2, 3] + column[1] + n[0])
 
 
 def test_a_kernel_over_records_is_the_equation_of_one() -> None:
@@ -82,7 +82,9 @@ def test_records_are_an_array_of_their_values() -> None:
     springs["stiffness"] += [0.0, 1.0]
     copy = springs.copy()
     springs["stiffness"] = 0.0
-    assert (copy.shape, len(copy), springs["turns"].dtype) == ((2,), 2, np.int64)
+    assert copy.shape == (2,)
+    assert len(copy) == 2
+    assert springs["turns"].dtype == np.int64
     np.testing.assert_array_equal(copy["stiffness"], [3.0, 4.0])
 
 
