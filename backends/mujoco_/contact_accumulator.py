@@ -12,8 +12,6 @@ from pepper_driver.backends.mujoco_.sensors import TouchSensors
 from pepper_driver.backends.simulated import ContactKind, Resumable, TrueContact
 from pepper_driver.config.arrays import FloatArray
 
-Point = tuple[float, float, float]
-
 
 class Entry:
     """Effect of one object on one link in the steps of a cycle.
@@ -85,28 +83,27 @@ class ContactAccumulator(Resumable):
             self._entries[key] = entry
         return entry
 
-    def put(self, entry: Entry, point: Point, force: Point, size: float) -> FloatArray:
-        """Take in the one force of an entry in this step.
+    def place(self, entry: Entry) -> tuple[FloatArray, FloatArray]:
+        """Return the (3,) point [m] and force [N] of an entry in this step, in the world, for the caller to write."""
+        return entry.point[self._step], entry.force[self._step]
+
+    def put(self, entry: Entry, size: float) -> FloatArray:
+        """Take in the one force of an entry in this step, as it was written to :meth:`place`.
 
         Args:
-            entry: As :meth:`entry` gave it.
-            point: Where it acts in the world, at the state whose kinematics MuJoCo holds [m].
-            force: In the world [N].
+            entry: As :meth:`entry` gave it; its point is that of the state whose kinematics MuJoCo holds.
             size: Of the force [N].
 
         Returns:
             J^T f (nv,), not to be kept.
         """
         step = self._step
-        where, what = entry.point[step], entry.force[step]
-        torque: FloatArray = entry.torque[step]
-        where[0], where[1], where[2] = point
-        what[0], what[1], what[2] = force
+        point, force, torque = entry.point[step], entry.force[step], entry.torque[step]
         entry.size[step] = size
         if entry.last < 0:
-            entry.near = self._touch.near(entry.body, *point)
+            entry.near = self._touch.near(entry.body, *point.tolist())
         entry.last = step
-        mujoco.mj_applyFT(self._mj, self._data, what, self._still, where, entry.body, torque)
+        mujoco.mj_applyFT(self._mj, self._data, force, self._still, point, entry.body, torque)
         return torque
 
     def add(self, entry: Entry, point: FloatArray, force: FloatArray, size: float) -> None:

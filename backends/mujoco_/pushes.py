@@ -2,20 +2,55 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import cos, pi, sqrt
 
 import mujoco
 import numpy as np
 
 from pepper_driver.backends.interface import CommandError
 from pepper_driver.backends.motion_profile import minimum_jerk, minimum_jerk_slope
-from pepper_driver.backends.mujoco_.contact_accumulator import ContactAccumulator, Point
+from pepper_driver.backends.mujoco_.contact_accumulator import ContactAccumulator
 from pepper_driver.backends.mujoco_.plant_model import PlantModel
 from pepper_driver.backends.pushes import ScheduledPush, check_grab
 from pepper_driver.backends.simulated import Grab, Push, Resumable
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.kernels import Matrix, Out, kernel
+
+
+@kernel
+def place_push(
+    position: FloatArray,
+    rotation: Matrix[FloatArray],
+    point: FloatArray,
+    push: FloatArray,
+    in_link: bool,
+    strength: float,
+    where: Out[FloatArray],
+    force: Out[FloatArray],
+) -> float:
+    """Write place and force of a push in the world; return the size of the force [N].
+
+    Args:
+        position: (3,) of the link in the world [m].
+        rotation: (3, 3) from link to world.
+        point: (3,) in the link [m].
+        push: (3,) [N].
+        in_link: True if ``push`` is in the axes of the link.
+        strength: Fraction of it that acts.
+        where: (3,) [m].
+        force: (3,) [N].
+    """
+    square = 0.0
+    for i in range(3):
+        row = rotation[i]
+        where[i] = position[i] + (row[0] * point[0] + row[1] * point[1] + row[2] * point[2])
+        force[i] = strength * push[i]
+        if in_link:
+            force[i] = strength * (row[0] * push[0] + row[1] * push[1] + row[2] * push[2])
+        square += force[i] * force[i]
+    return math.sqrt(square)
 
 
 class Pushes(Resumable):
@@ -28,6 +63,7 @@ class Pushes(Resumable):
         self._centres = centres_of_mass(model)
         self._pending: list[ScheduledPush] = []
         self._due: list[ScheduledPush] = []
+        self._place = place_push.load()
 
     def add(self, push: Push) -> None:
         """Schedule a push; raises as :meth:`Backend.push` says."""
@@ -54,18 +90,19 @@ class Pushes(Resumable):
             if strength == 0.0:
                 continue
             body = self._bodies[push.link]
-            rotation = data.xmat[body].reshape(3, 3)
-            force = strength * push.force
-            if push.frame == "link":
-                force = rotation @ force
-            px, py, pz = (data.xpos[body] + rotation @ push.point).tolist()
-            x, y, z = force.tolist()
-            joint_torque += accumulator.put(
-                accumulator.entry(push, "push", body),
-                (px, py, pz),
-                (x, y, z),
-                sqrt(x * x + y * y + z * z),
+            entry = accumulator.entry(push, "push", body)
+            where, force = accumulator.place(entry)
+            size = self._place(
+                data.xpos[body],
+                data.xmat[body].reshape(3, 3),
+                push.point,
+                push.force,
+                push.frame == "link",
+                strength,
+                where,
+                force,
             )
+            joint_torque += accumulator.put(entry, size)
 
 
 HAND_MASS = 0.4
@@ -119,14 +156,87 @@ def first_overlap(holds: Iterable[tuple[str, float, float]]) -> tuple[str, float
 
 @dataclass(slots=True, eq=False)
 class _Grip:
-    """A hand, and what it found when it closed; plain numbers, for the step."""
+    """A hand, and what it found when it closed: (3,) place and pull in the world, its spring and damper."""
 
     hand: ScheduledGrab
-    point: Point
-    anchor: Point | None = None
-    pull: Point = (0.0, 0.0, 0.0)
+    anchor: FloatArray | None = None
+    pull: FloatArray | None = None
     stiffness: float = 0.0
     damping: float = 0.0
+
+
+@kernel
+def move_point(
+    position: FloatArray,
+    rotation: Matrix[FloatArray],
+    twist: FloatArray,
+    centre: FloatArray,
+    point: FloatArray,
+    where: Out[FloatArray],
+    velocity: Out[FloatArray],
+) -> None:
+    """Write place [m] and velocity [m/s] of a point of a link in the world.
+
+    Args:
+        position: (3,) of the link [m].
+        rotation: (3, 3) from link to world.
+        twist: (6,) rotation [rad/s] and translation [m/s] of the link, about ``centre``.
+        centre: (3,) [m].
+        point: (3,) in the link [m].
+        where: (3,)
+        velocity: (3,)
+    """
+    for i in range(3):
+        row = rotation[i]
+        where[i] = position[i] + (row[0] * point[0] + row[1] * point[1] + row[2] * point[2])
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        velocity[i] = twist[3 + i] + (
+            twist[j] * (where[k] - centre[k]) - twist[k] * (where[j] - centre[j])
+        )
+
+
+@kernel
+def pull_hand(
+    where: FloatArray,
+    velocity: FloatArray,
+    anchor: FloatArray,
+    pull: FloatArray,
+    way: float,
+    rate: float,
+    stiffness: float,
+    damping: float,
+    max_force: float,
+    share: float,
+    force: Out[FloatArray],
+) -> float:
+    """Write the force of a hand, a spring and damper between its place and the point it holds; return its size [N].
+
+    Args:
+        where: (3,) of the point [m].
+        velocity: (3,) of the point [m/s].
+        anchor: (3,) where the hand has closed [m].
+        pull: (3,) way that the hand goes [m].
+        way: Fraction of it that is gone.
+        rate: Its derivative [1/s].
+        stiffness: [N/m]
+        damping: [N s/m]
+        max_force: [N]
+        share: Fraction of the force that is left while the hand lets go.
+        force: (3,) on the robot, in the world [N].
+    """
+    square = 0.0
+    for i in range(3):
+        force[i] = stiffness * (anchor[i] + pull[i] * way - where[i]) + damping * (
+            pull[i] * rate - velocity[i]
+        )
+        square += force[i] * force[i]
+    size = math.sqrt(square)
+    if size > max_force:
+        share *= max_force / size
+    for i in range(3):
+        force[i] *= share
+    return share * size
 
 
 class GrabForces(Resumable):
@@ -139,9 +249,16 @@ class GrabForces(Resumable):
         self._centres = centres_of_mass(model)
         root = model.mj.body_rootid
         self._motion = {
-            body: (data.xpos[body], data.xmat[body], data.cvel[body], data.subtree_com[root[body]])
+            body: (
+                data.xpos[body],
+                data.xmat[body].reshape(3, 3),
+                data.cvel[body],
+                data.subtree_com[root[body]],
+            )
             for body in model.bodies.values()
         }
+        self._move_point, self._pull = move_point.load(), pull_hand.load()
+        self._velocity = np.zeros(3)
         self._pending: list[_Grip] = []
         self._due: list[_Grip] = []
 
@@ -177,7 +294,7 @@ class GrabForces(Resumable):
                 f"grab: {hand.link} is too light at ({x:g}, {y:g}, {z:g}) for a hand of {hand.stiffness:g} N/m "
                 f"(at most {stiffest:.0f}): take a point nearer to the link, or a softer hand"
             )
-        self._pending.append(_Grip(hand=hand, point=(x, y, z)))
+        self._pending.append(_Grip(hand=hand))
 
     def clear(self) -> None:
         """Forget all hands."""
@@ -202,53 +319,46 @@ class GrabForces(Resumable):
             if since < 0.0 or gone >= hand.release:
                 continue
             entry = accumulator.entry(grip, "hand", hand.body)
-            # Where the point is: origin of the link and its rotation; how it moves: twist about the tree's centre.
-            origin, rotation, twist, centre = self._motion[hand.body]
-            x, y, z = grip.point
-            px, py, pz = origin.tolist()
-            a, b, c, d, e, f, g, h, i = rotation.tolist()
-            px += a * x + b * y + c * z
-            py += d * x + e * y + f * z
-            pz += g * x + h * y + i * z
-            rx, ry, rz, vx, vy, vz = twist.tolist()
-            x, y, z = centre.tolist()
-            x, y, z = px - x, py - y, pz - z
-            vx += ry * z - rz * y
-            vy += rz * x - rx * z
-            vz += rx * y - ry * x
-            where = (px, py, pz)
-            ax, ay, az = grip.anchor or self._close(grip, where)
-            wx, wy, wz = grip.pull
-            stiffness, damping = grip.stiffness, grip.damping
+            where, force = accumulator.place(entry)
+            velocity = self._velocity
+            self._move_point(*self._motion[hand.body], hand.point, where, velocity)
+            if grip.anchor is None or grip.pull is None:
+                grip.anchor, grip.pull = where.copy(), self._close(grip, where)
+            damping = grip.damping
             if since < CLOSING:
                 damping *= since / CLOSING
-            way, rate = 1.0, 0.0
+            way, rate, share = 1.0, 0.0, 1.0
             if since < hand.rise:
                 t = since / hand.rise
                 way, rate = minimum_jerk(t), minimum_jerk_slope(t) / hand.rise
-            fx = stiffness * (ax + wx * way - px) + damping * (wx * rate - vx)
-            fy = stiffness * (ay + wy * way - py) + damping * (wy * rate - vy)
-            fz = stiffness * (az + wz * way - pz) + damping * (wz * rate - vz)
-            size, share = sqrt(fx * fx + fy * fy + fz * fz), 1.0
-            if size > hand.max_force:
-                share = hand.max_force / size
             if gone > 0.0:
-                share *= 0.5 + 0.5 * cos(pi * gone / hand.release)
-            force = (share * fx, share * fy, share * fz)
-            joint_torque += accumulator.put(entry, where, force, share * size)
+                share = 0.5 + 0.5 * math.cos(math.pi * gone / hand.release)
+            size = self._pull(
+                where,
+                velocity,
+                grip.anchor,
+                grip.pull,
+                way,
+                rate,
+                grip.stiffness,
+                damping,
+                hand.max_force,
+                share,
+                force,
+            )
+            joint_torque += accumulator.put(entry, size)
 
-    def _close(self, grip: _Grip, where: Point) -> Point:
-        """Return the hand closes at ``where`` in the world: there it stays from now on, but for its own pull."""
+    def _close(self, grip: _Grip, where: FloatArray) -> FloatArray:
+        """Set spring and damper of a hand that closes at ``where`` (3,) in the world; return its pull there."""
         hand, step = grip.hand, float(self._mj.opt.timestep)
-        pull = hand.pull
-        if hand.frame == "link":
-            pull = self._data.xmat[hand.body].reshape(3, 3) @ pull
-        x, y, z = pull.tolist()
-        grip.anchor, grip.pull = where, (x, y, z)
-        mass = self._lightest(hand.body, np.array(where))
+        mass = self._lightest(hand.body, where)
         grip.stiffness = min(hand.stiffness, _LARGEST_STIFFNESS * mass / step**2)
-        grip.damping = min(2.0 * sqrt(hand.stiffness * HAND_MASS), _LARGEST_DAMPING * mass / step)
-        return where
+        critical = 2.0 * math.sqrt(hand.stiffness * HAND_MASS)
+        grip.damping = min(critical, _LARGEST_DAMPING * mass / step)
+        if hand.frame == "link":
+            pull: FloatArray = self._data.xmat[hand.body].reshape(3, 3) @ hand.pull
+            return pull
+        return hand.pull
 
     def _stiffest(self, hand: ScheduledGrab) -> float:
         """Stiffness [N/m] that a step of physics can follow where the hand would hold, in the posture of now."""
