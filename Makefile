@@ -24,14 +24,20 @@ naoqi: $(VENV)/.extra-naoqi
 
 check: lint types
 
-# Tests in real time run alone: others would keep the processors busy.
+# Kernels are compiled before the workers start, who would all compile them. Tests in real time run alone: others would
+# keep the processors busy. Once, with checked bounds, robots do all they can.
+CHECKED := NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest
+
 test: check
+	$(BIN)/python -c "from pepper_driver import Pepper; Pepper('mujoco')"
 	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m "not whole and not realtime"
 	$(BIN)/python -m pytest -m "realtime and not whole"
+	$(CHECKED) tests/pepper_driver/test_compiled_before_ticks.py
 
 test-all: check
 	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m "not realtime" --hypothesis-profile nightly
 	$(BIN)/python -m pytest -m realtime
+	$(CHECKED) -n $(WORKERS) --dist worksteal -m "not whole and not realtime"
 	$(BIN)/pepper bench --soak 300
 
 flakes: $(VENV)/.extra-dev

@@ -25,7 +25,7 @@ Columns = dict[str, NDArray[Any]]
 Row = Iterable[tuple[str, Any]]
 Result = tuple[Columns, dict[str, Any]]
 
-TOPIC = "/tick"
+TOPIC, CONTACTS = "/tick", "/contact"
 IS_NONE = ".is_none"
 """Suffix of the array that marks the rows in which a value is None."""
 
@@ -151,7 +151,7 @@ def play_and_log(job: dict[str, Any], folder: Path) -> Result:
         job["uri"], observer=job["observer"], models=models, log=log, reflexes=reflexes
     ) as pepper:
         ended = play(pepper, job)
-    columns = as_columns(log_rows(log))
+    columns = {**as_columns(log_rows(log)), **as_columns(contact_rows(log))}
     log.unlink()
     return columns, {"ended": ended}
 
@@ -317,6 +317,16 @@ def log_rows(log: Path) -> Iterator[Row]:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         for _, _, _, message in reader.iter_decoded_messages([TOPIC]):
             yield message_leaves(message)
+
+
+def contact_rows(log: Path) -> Iterator[Row]:
+    """Yield the contact events of a log; numbers with all bits."""
+    from mcap.reader import make_reader
+
+    with log.open("rb") as stream:
+        for _, _, message in make_reader(stream).iter_messages([CONTACTS]):
+            event = json.loads(message.data)
+            yield [(f"{CONTACTS[1:]}.{key}", value) for key, value in event.items()]
 
 
 def message_leaves(value: object, path: str = "") -> Iterator[tuple[str, Any]]:

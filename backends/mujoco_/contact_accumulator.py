@@ -98,7 +98,8 @@ class ContactAccumulator(Resumable):
             J^T f (nv,), not to be kept.
         """
         step = self._step
-        point, force, torque = entry.point[step], entry.force[step], entry.torque[step]
+        point, force = entry.point[step], entry.force[step]
+        torque: FloatArray = entry.torque[step]
         entry.size[step] = size
         if entry.last < 0:
             entry.near = self._touch.near(entry.body, *point.tolist())
