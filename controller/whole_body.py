@@ -14,6 +14,7 @@ from pepper_driver.config import ControllerSettings, RobotConfig, load_controlle
 from pepper_driver.config.arguments import checked_arguments, is_number
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import shown
+from pepper_driver.config.kernels import Out, kernel
 from pepper_driver.controller.changes import Changes
 from pepper_driver.controller.constraints import (
     AccelerationBox,
@@ -22,6 +23,7 @@ from pepper_driver.controller.constraints import (
     LinearInequality,
     standard_constraints,
 )
+from pepper_driver.controller.constraints.constraint import are_numbers
 from pepper_driver.controller.dither import Dither
 from pepper_driver.controller.errors import (
     GainError,
@@ -46,6 +48,21 @@ MAX_TASKS = 64
 
 VIOLATION_TOLERANCE = 1e-6
 """[rad/s2] Violation up to which a row counts as satisfied."""
+
+
+@kernel
+def _advance(
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    dt: float,
+    displacement: Out[FloatArray],
+    after: Out[FloatArray],
+) -> None:
+    """Write the displacement v dt + a dt^2 / 2 of a cycle, and the velocity after it, v + a dt."""
+    for i in range(len(velocity)):
+        change = acceleration[i] * dt
+        displacement[i] = (velocity[i] + change * 0.5) * dt
+        after[i] = velocity[i] + change
 
 
 @checked_arguments
@@ -95,8 +112,8 @@ class WholeBodyController:
         self._dt = robot.cycle if dt is None else _checked_cycle(dt)
         self._jerk_limited = settings.jerk_limit is not None
         self.model = RobotModel(robot)
-        # Small arrays are multiplied faster by arrays of their shape than by numbers.
-        self._cycle, self._half = np.full(self.model.nv, self._dt), np.full(self.model.nv, 0.5)
+        self._displacement = np.zeros(self.model.nv)
+        self._advance, self._are_numbers = _advance.load(), are_numbers.load()
         self.return_speed, self.min_return_time = settings.return_speed, settings.min_return_time
         self._box = AccelerationBox(robot, settings, self.model, self._dt)
         self._braking_limits = BrakingLimits(self._box.acceleration_limit, self._dt)
@@ -337,12 +354,10 @@ class WholeBodyController:
         if dithering and not self.dither.active:
             self.posture.superpose(None)
         self._acceleration = acceleration
-        change = acceleration * self._cycle
-        displacement = change * self._half
-        displacement += v
-        displacement *= self._cycle
-        self._q = q = model.integrate(q, displacement)
-        self._v = v = v + change
+        velocity = np.empty_like(v)
+        self._advance(v, acceleration, dt, self._displacement, velocity)
+        self._q = q = model.integrate(q, self._displacement)
+        self._v = v = velocity
         model.set_state(q, v)
         return Reference(
             position=model.joint_position,
@@ -388,13 +403,20 @@ class WholeBodyController:
             rows = constraint.compute_inequality(self.model, self._braking_limits)
             if rows is None:
                 continue
-            # The row of NaN makes the status name the faulty constraint; an error would end the tick.
-            if not rows.usable(self.model.nv):
-                rows = LinearInequality(
-                    np.zeros((1, self.model.nv)), np.array([np.nan]), (constraint.name,)
-                )
-            self._active.append((constraint, rows))
+            self._active.append((constraint, self._usable(constraint, rows)))
         return len(self._active) > before
+
+    def _usable(self, constraint: Constraint, rows: LinearInequality) -> LinearInequality:
+        """Return rows as contiguous arrays of floats; for others than numbers of the right shape, a row of NaN."""
+        matrix = np.ascontiguousarray(rows.matrix, dtype=np.float64)
+        bound = np.ascontiguousarray(rows.bound, dtype=np.float64)
+        m, nv = len(rows.names), self.model.nv
+        if matrix.shape == (m, nv) and bound.shape == (m,) and self._are_numbers(matrix, bound):
+            if matrix is rows.matrix and bound is rows.bound:
+                return rows
+            return LinearInequality(matrix, bound, rows.names)
+        # The row of NaN makes the status name the faulty constraint; an error would end the tick.
+        return LinearInequality(np.zeros((1, nv)), np.array([np.nan]), (constraint.name,))
 
     def _optimise(self, q: FloatArray, v: FloatArray) -> QpResult:
         """Solve with the present rows."""

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.kernels import Matrix, kernel
 from pepper_driver.controller.constraints.braking import BRAKE_RATIO
 from pepper_driver.controller.model import RobotModel
 
@@ -50,18 +51,17 @@ class LinearInequality:
     bound: FloatArray
     names: tuple[str, ...]
 
-    def usable(self, nv: int) -> bool:
-        """Return True where shapes fit ``nv`` accelerations and each other, and all are numbers.
 
-        A bound may be infinite.
-        """
-        m = len(self.names)
-        return (
-            self.matrix.shape == (m, nv)
-            and self.bound.shape == (m,)
-            and bool(np.isfinite(self.matrix).all())
-            and not np.isnan(self.bound).any()
-        )
+@kernel
+def are_numbers(matrix: Matrix[FloatArray], bound: FloatArray) -> bool:
+    """Return True where the entries of rows are finite and their bounds are numbers, which may be infinite."""
+    for row in range(len(bound)):
+        if np.isnan(bound[row]):
+            return False
+        for i in range(matrix.shape[1]):
+            if not np.isfinite(matrix[row, i]):
+                return False
+    return True
 
 
 class Constraint(ABC):
