@@ -280,7 +280,9 @@ class QuadraticProgram:
         matrix[np.flatnonzero(soft), nv + np.arange(count)] = -1.0
         H = np.zeros((nv + count, nv + count))
         H[:nv, :nv] = self.hessian
-        H[range(nv, nv + count), range(nv, nv + count)] = SLACK_WEIGHT * self.hessian.diagonal().max()
+        H[range(nv, nv + count), range(nv, nv + count)] = (
+            SLACK_WEIGHT * self.hessian.diagonal().max()
+        )
         solution = self._exact.solve(
             H,
             np.concatenate([self.gradient, np.zeros(count)]),
