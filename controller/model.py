@@ -86,8 +86,10 @@ class RobotModel:
         self.joint_velocity: FloatArray
         self.set_state(pin.neutral(self.pin), np.zeros(self.nv))
         # Views of the results of Pinocchio: they change with its next call.
-        self._com, self._com_velocity = self.data.com[0], self.data.vcom[0]
-        self._com_bias = self.data.acom[0]
+        data = self.data
+        self._com, self._com_velocity, self._com_bias = data.com[0], data.vcom[0], data.acom[0]
+        self._momentum_map, self._momentum = data.Ag, data.hg.vector
+        self._momentum_bias = data.dhg.vector
 
     # -- state --------------------------------------------------------------------------------------------------
 
@@ -96,9 +98,13 @@ class RobotModel:
         self.q, self.v = q, v
         self.joint_position = q[self._position_columns]
         self.joint_velocity = v[self._velocity_columns]
+        self._has_kinematics = self._has_momentum = False
 
     def update_kinematics(self) -> None:
-        """Compute placements, velocities, Jacobians and centre of mass of the stored state."""
+        """Compute placements, velocities and Jacobians of the stored state, once for each."""
+        if self._has_kinematics:
+            return
+        self._has_kinematics = True
         model, data = self.pin, self.data
         pin.forwardKinematics(model, data, self.q, self.v, self._zero)
         pin.computeJointJacobians(model, data)
@@ -168,14 +174,18 @@ class RobotModel:
         return self._com, jacobian, self._com_velocity, self._com_bias
 
     def centroidal_momentum(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Compute the momentum about the centre of mass in world axes, linear, then angular.
+        """Compute the momentum about the centre of mass in world axes, linear, then angular; once for each state.
 
         Returns:
             (6, 20) momentum per velocity; (6,) momentum [kg m/s], [kg m2/s]; (6,) its rate without accelerations.
+            Views of the results for the stored state.
         """
-        data = self.data
-        rate = pin.dccrba(self.pin, data, self.q, self.v)
-        return data.Ag, data.hg.vector, rate @ self.v
+        if not self._has_momentum:
+            self.update_kinematics()
+            self._has_momentum = True
+            pin.ccrba(self.pin, self.data, self.q, self.v)
+            pin.computeCentroidalMomentumTimeVariation(self.pin, self.data)
+        return self._momentum_map, self._momentum, self._momentum_bias
 
     # -- conversion ---------------------------------------------------------------------------------------------
 
