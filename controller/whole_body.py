@@ -39,6 +39,7 @@ from pepper_driver.controller.solvers import make_solver
 from pepper_driver.controller.tasks import BaseVelocityTask, PostureTask, Task
 from pepper_driver.controller.tasks.targets import finite_vector
 from pepper_driver.controller.tick import Reference
+from pepper_driver.controller.trajectory import load_splines
 
 BASE_HOLD_STIFFNESS = 400.0
 """[1/s2] Stiffness of the base while it is held: it brakes as fast as its acceleration limits allow."""
@@ -114,6 +115,7 @@ class WholeBodyController:
         self.model = RobotModel(robot)
         self._displacement = np.zeros(self.model.nv)
         self._advance, self._are_numbers = _advance.load(), are_numbers.load()
+        load_splines()
         self.return_speed, self.min_return_time = settings.return_speed, settings.min_return_time
         self._box = AccelerationBox(robot, settings, self.model, self._dt)
         self._braking_limits = BrakingLimits(self._box.acceleration_limit, self._dt)
