@@ -58,6 +58,7 @@ class RobotModel:
         v: (20,) velocity that :meth:`set_state` stored.
         joint_position: (17,) joint positions of that state [rad]; may be a view of it.
         joint_velocity: (17,) joint velocities of that state [rad/s]; may be a view of it.
+        centre_of_mass: (3,) in the world [m], after :meth:`com` or :meth:`centroidal_momentum`.
         robot: The description it was made from.
         data: Pinocchio's results for the stored state.
         pin: Pinocchio's model.
@@ -87,7 +88,8 @@ class RobotModel:
         self.set_state(pin.neutral(self.pin), np.zeros(self.nv))
         # Views of the results of Pinocchio: they change with its next call.
         data = self.data
-        self._com, self._com_velocity, self._com_bias = data.com[0], data.vcom[0], data.acom[0]
+        self.centre_of_mass: FloatArray = data.com[0]
+        self._com_velocity, self._com_bias = data.vcom[0], data.acom[0]
         self._momentum_map, self._momentum = data.Ag, data.hg.vector
         self._momentum_bias = data.dhg.vector
 
@@ -98,16 +100,20 @@ class RobotModel:
         self.q, self.v = q, v
         self.joint_position = q[self._position_columns]
         self.joint_velocity = v[self._velocity_columns]
-        self._has_kinematics = self._has_momentum = False
+        self._has_motion = self._has_jacobians = self._has_momentum = False
 
     def update_kinematics(self) -> None:
         """Compute placements, velocities and Jacobians of the stored state, once for each."""
-        if self._has_kinematics:
-            return
-        self._has_kinematics = True
-        model, data = self.pin, self.data
-        pin.forwardKinematics(model, data, self.q, self.v, self._zero)
-        pin.computeJointJacobians(model, data)
+        if not self._has_jacobians:
+            self._update_motion()
+            pin.computeJointJacobians(self.pin, self.data)
+            self._has_jacobians = True
+
+    def _update_motion(self) -> None:
+        """Compute placements, velocities and accelerations without those of the joints."""
+        if not self._has_motion:
+            pin.forwardKinematics(self.pin, self.data, self.q, self.v, self._zero)
+            self._has_motion = True
 
     def joints_of_configuration(self, q: FloatArray) -> FloatArray:
         """Return the (17,) joint positions of a configuration [rad]; may be a view of it."""
@@ -171,7 +177,7 @@ class RobotModel:
         data = self.data
         pin.centerOfMass(self.pin, data, ACCELERATIONS, False)
         jacobian = pin.jacobianCenterOfMass(self.pin, data, False)
-        return self._com, jacobian, self._com_velocity, self._com_bias
+        return self.centre_of_mass, jacobian, self._com_velocity, self._com_bias
 
     def centroidal_momentum(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Compute the momentum about the centre of mass in world axes, linear, then angular; once for each state.
@@ -181,10 +187,10 @@ class RobotModel:
             Views of the results for the stored state.
         """
         if not self._has_momentum:
-            self.update_kinematics()
-            self._has_momentum = True
+            self._update_motion()
             pin.ccrba(self.pin, self.data, self.q, self.v)
             pin.computeCentroidalMomentumTimeVariation(self.pin, self.data)
+            self._has_momentum = True
         return self._momentum_map, self._momentum, self._momentum_bias
 
     # -- conversion ---------------------------------------------------------------------------------------------

@@ -379,8 +379,8 @@ class WholeBodyController:
         program.assemble(model, self._dt)
         box.update(q, v, self._acceleration)
         self._active = []
-        waiting = [constraint for constraint in self._constraints if constraint.lazy]
-        self._activate([c for c in self._constraints if not c.lazy])
+        waiting = self._lazy
+        self._activate(self._eager)
         result = self._optimise(q, v)
         # Rows of lazy constraints are added when the accelerations violate them, and all others are checked again: a
         # solution with more rows may violate a constraint that the previous one satisfied.
@@ -423,7 +423,8 @@ class WholeBodyController:
     def _optimise(self, q: FloatArray, v: FloatArray) -> QpResult:
         """Solve with the present rows."""
         box, program = self._box, self._program
-        groups = [(constraint.priority, rows) for constraint, rows in self._active]
+        active = self._active
+        groups = [(constraint.priority, rows) for constraint, rows in active] if active else ()
         result = program.solve(self._solver, box.lower, box.upper, groups)
         if result.outcome != "solved" and self._jerk_limited:
             # Joints that may not brake at once can violate limits that they share, which matter more than jerk.
@@ -438,6 +439,8 @@ class WholeBodyController:
         tasks: Sequence[Task] = own if self._holding else self._tasks
         self.base_velocity.relax(any(task.moves_base for task in tasks))
         self._program.allocate(tasks, self.model)
+        self._lazy = [constraint for constraint in self._constraints if constraint.lazy]
+        self._eager = [constraint for constraint in self._constraints if not constraint.lazy]
         parts: Sequence[Task | Constraint] = [*tasks, *self._constraints]
         self._needs_kinematics = any(part.needs_kinematics for part in parts)
 
