@@ -129,8 +129,9 @@ def _place(
     capsules: Records[PlacedCapsule],
     poses: Out[Block[FloatArray]],
     ends: Out[Block[FloatArray]],
+    centres: Out[Matrix[FloatArray]],
 ) -> None:
-    """Write the (2, 3) ends of the axes of the capsules in the world, and what :func:`_place_joints` writes."""
+    """Write the (2, 3) ends of the axes of the capsules in the world, their centres, and the poses of the joints."""
     _place_joints(q, joints, placements, poses)
     for n in range(len(capsules)):
         capsule = capsules[n]
@@ -139,6 +140,7 @@ def _place(
             x, y, z, place = pose[0], pose[1], pose[2], pose[3]
             ends[n, 0, i] = x * capsule.x0 + y * capsule.y0 + z * capsule.z0 + place
             ends[n, 1, i] = x * capsule.x1 + y * capsule.y1 + z * capsule.z1 + place
+            centres[n, i] = (ends[n, 0, i] + ends[n, 1, i]) / 2
 
 
 @kernel
@@ -199,18 +201,21 @@ def _axis_distance(
 
 @kernel
 def _any_near(
-    ends: Block[FloatArray], pairs: Records[CapsulePair], margin: float, line: Out[FloatArray]
+    ends: Block[FloatArray],
+    centres: Matrix[FloatArray],
+    pairs: Records[CapsulePair],
+    margin: float,
+    line: Out[FloatArray],
 ) -> bool:
     """Return True if any pair is nearer than the margin [m]; ``line`` (6,) is written to."""
     for n in range(len(pairs)):
         pair = pairs[n]
-        first, second = ends[pair.first], ends[pair.second]
-        apart = 0.0  # four times the square of the distance of the centres
-        for i in range(3):
-            apart += (first[0, i] + first[1, i] - second[0, i] - second[1, i]) ** 2
-        if apart > 4.0 * (pair.reach + margin) ** 2:
+        x = centres[pair.first, 0] - centres[pair.second, 0]
+        y = centres[pair.first, 1] - centres[pair.second, 1]
+        z = centres[pair.first, 2] - centres[pair.second, 2]
+        if x * x + y * y + z * z > (pair.reach + margin) ** 2:
             continue
-        if _axis_distance(first, second, line) - pair.radii <= margin:
+        if _axis_distance(ends[pair.first], ends[pair.second], line) - pair.radii <= margin:
             return True
     return False
 
@@ -296,7 +301,7 @@ class CapsuleDistances:
         self.signs: FloatArray = carried[seconds] - carried[firsts]
         self.levers: FloatArray = np.abs(self.signs) * np.maximum(reaches[firsts], reaches[seconds])
         self._poses = np.zeros((len(self._joints), 3, 4))
-        self._ends = np.zeros((len(radius), 2, 3))
+        self._ends, self._centres = np.zeros((len(radius), 2, 3)), np.zeros((len(radius), 3))
         self._line, self._wrenches = np.zeros(6), np.zeros((len(names), 6))
         self._distances = np.zeros(len(names))
         self._place, self._any_near = _place.load(), _any_near.load()
@@ -304,11 +309,19 @@ class CapsuleDistances:
 
     def place(self, q: FloatArray) -> None:
         """Place the capsules as in a configuration of the model."""
-        self._place(q, self._joints, self._placements, self._capsules, self._poses, self._ends)
+        self._place(
+            q,
+            self._joints,
+            self._placements,
+            self._capsules,
+            self._poses,
+            self._ends,
+            self._centres,
+        )
 
     def any_near(self, margin: float) -> bool:
         """Return True if any pair is nearer than a margin [m]. It ends at the first such pair."""
-        return self._any_near(self._ends, self._pairs, margin, self._line)
+        return self._any_near(self._ends, self._centres, self._pairs, margin, self._line)
 
     def distances(self) -> FloatArray:
         """Return the (pairs,) distances [m], negative where capsules overlap; overwritten by the next call."""
