@@ -314,7 +314,7 @@ class Balance(Constraint):
             model.v,
             acceleration,
             model.centre_of_mass,
-            momentum_map.T,
+            np.ascontiguousarray(momentum_map.T),  # without a copy: Pinocchio stores columns
             bias,
             self._edges,
             self._limits,
@@ -336,7 +336,7 @@ class Balance(Constraint):
             model.v,
             braking_limits.acceleration,
             model.centre_of_mass,
-            momentum_map.T,
+            np.ascontiguousarray(momentum_map.T),  # without a copy: Pinocchio stores columns
             bias,
             self._edges,
             self._limits,
