@@ -409,9 +409,8 @@ class WholeBodyController:
         return len(self._active) > before
 
     def _usable(self, constraint: Constraint, rows: LinearInequality) -> LinearInequality:
-        """Return rows as contiguous arrays of floats; for others than numbers of the right shape, a row of NaN."""
-        matrix = np.ascontiguousarray(rows.matrix, dtype=np.float64)
-        bound = np.ascontiguousarray(rows.bound, dtype=np.float64)
+        """Return rows as solvers take them; for others than numbers of the right shape, a row of NaN."""
+        matrix, bound = _plain(rows.matrix), _plain(rows.bound)
         m, nv = len(rows.names), self.model.nv
         if matrix.shape == (m, nv) and bound.shape == (m,) and self._are_numbers(matrix, bound):
             if matrix is rows.matrix and bound is rows.bound:
@@ -514,7 +513,13 @@ def check_part(part: Task | Constraint, robot: RobotConfig) -> None:
         raise RobotMismatchError(part.name, made_for.name, robot.name, sorted(names))
 
 
+def _plain(values: FloatArray) -> FloatArray:
+    """Return a contiguous array of floats that may be written to: DAQP refuses others."""
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    return array if array.flags.writeable else array.copy()
+
+
 def _checked_cycle(dt: float) -> float:
     if not (is_number(dt) and 0.0 < dt < np.inf):
         raise GainError("dt", dt, "a cycle in seconds above 0")
-    return dt
+    return float(dt)
