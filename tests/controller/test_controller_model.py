@@ -269,6 +269,20 @@ def test_results_are_those_of_the_stored_state_in_any_order() -> None:
             np.testing.assert_array_equal(one, other)
 
 
+def test_momentum_is_not_lost_to_other_algorithms_on_the_same_data() -> None:
+    """Plugins call Pinocchio on ``model.data``, some of whose algorithms use its arrays for results of their own."""
+    model, random = RobotModel(ROBOT), np.random.default_rng(12)
+    q, v = model.configuration(random_posture(random)), random.uniform(-1.0, 1.0, 20)
+    model.set_state(q, v)
+    model.update_kinematics()
+    before = [part.copy() for part in (*model.centroidal_momentum(), model.centre_of_mass)]
+    pin.computeAllTerms(model.pin, model.data, pin.neutral(model.pin), np.ones(20))
+    pin.crba(model.pin, model.data, q)
+    after = (*model.centroidal_momentum(), model.centre_of_mass)
+    for one, other in zip(before, after, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 def test_momentum_is_that_of_pinocchios_other_algorithm() -> None:
     model, random = RobotModel(ROBOT), np.random.default_rng(11)
     q, v = model.configuration(random_posture(random)), random.uniform(-1.0, 1.0, 20)
