@@ -259,7 +259,9 @@ class CapsuleDistances:
         tree = model.pin
         self._joints, self._placements = _tree(tree)
         numbers: dict[str, list[int]] = {}
-        carriers, ends, radii = [], [], []
+        carriers: list[int] = []
+        ends: list[list[FloatArray]] = []
+        radii: list[float] = []
         for link, capsules in settings.capsules.items():
             numbers[link] = [len(radii) + i for i in range(len(capsules))]
             frame = model.body_frame(link)

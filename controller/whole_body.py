@@ -23,7 +23,7 @@ from pepper_driver.controller.constraints import (
     LinearInequality,
     standard_constraints,
 )
-from pepper_driver.controller.constraints.constraint import are_numbers
+from pepper_driver.controller.constraints.constraint import RowCheck
 from pepper_driver.controller.dither import Dither
 from pepper_driver.controller.errors import (
     GainError,
@@ -114,7 +114,7 @@ class WholeBodyController:
         self._jerk_limited = settings.jerk_limit is not None
         self.model = RobotModel(robot)
         self._displacement = np.zeros(self.model.nv)
-        self._advance, self._are_numbers = _advance.load(), are_numbers.load()
+        self._advance, self._row_check = _advance.load(), RowCheck(self.model.nv)
         load_splines()
         self.return_speed, self.min_return_time = settings.return_speed, settings.min_return_time
         self._box = AccelerationBox(robot, settings, self.model, self._dt)
@@ -405,19 +405,13 @@ class WholeBodyController:
             rows = constraint.compute_inequality(self.model, self._braking_limits)
             if rows is None:
                 continue
-            self._active.append((constraint, self._usable(constraint, rows)))
+            plain = self._row_check.plain(rows)
+            if plain is None:
+                # The row of NaN makes the status name the faulty constraint; an error would end the tick.
+                nothing = np.zeros((1, self.model.nv))
+                plain = LinearInequality(nothing, np.array([np.nan]), (constraint.name,))
+            self._active.append((constraint, plain))
         return len(self._active) > before
-
-    def _usable(self, constraint: Constraint, rows: LinearInequality) -> LinearInequality:
-        """Return rows as solvers take them; for others than numbers of the right shape, a row of NaN."""
-        matrix, bound = _plain(rows.matrix), _plain(rows.bound)
-        m, nv = len(rows.names), self.model.nv
-        if matrix.shape == (m, nv) and bound.shape == (m,) and self._are_numbers(matrix, bound):
-            if matrix is rows.matrix and bound is rows.bound:
-                return rows
-            return LinearInequality(matrix, bound, rows.names)
-        # The row of NaN makes the status name the faulty constraint; an error would end the tick.
-        return LinearInequality(np.zeros((1, nv)), np.array([np.nan]), (constraint.name,))
 
     def _optimise(self, q: FloatArray, v: FloatArray) -> QpResult:
         """Solve with the present rows."""
@@ -511,12 +505,6 @@ def check_part(part: Task | Constraint, robot: RobotConfig) -> None:
     if (made_for.joint_names, made_for.links) != (robot.joint_names, robot.links):
         names = {*made_for.joint_names, *made_for.links} ^ {*robot.joint_names, *robot.links}
         raise RobotMismatchError(part.name, made_for.name, robot.name, sorted(names))
-
-
-def _plain(values: FloatArray) -> FloatArray:
-    """Return a contiguous array of floats that may be written to: DAQP refuses others."""
-    array = np.ascontiguousarray(values, dtype=np.float64)
-    return array if array.flags.writeable else array.copy()
 
 
 def _checked_cycle(dt: float) -> float:

@@ -66,7 +66,8 @@ def _speed_to_rest(distance: float, velocity: float, brake: float, dt: float) ->
     w = (distance - velocity * dt / 2) / (1.5 * dt)
     step = brake * dt
     stop = np.sqrt(max(3 * step * w - 0.75 * step**2, 2.25 * step**2)) - step / 2
-    return np.maximum(np.minimum(w, stop), -step / 2)
+    speed: float = np.maximum(np.minimum(w, stop), -step / 2)
+    return speed
 
 
 @kernel

@@ -53,7 +53,7 @@ class LinearInequality:
 
 
 @kernel
-def are_numbers(matrix: Matrix[FloatArray], bound: FloatArray) -> bool:
+def _are_numbers(matrix: Matrix[FloatArray], bound: FloatArray) -> bool:
     """Return True where the entries of rows are finite and their bounds are numbers, which may be infinite."""
     for row in range(len(bound)):
         if np.isnan(bound[row]):
@@ -62,6 +62,34 @@ def are_numbers(matrix: Matrix[FloatArray], bound: FloatArray) -> bool:
             if not np.isfinite(matrix[row, i]):
                 return False
     return True
+
+
+class RowCheck:
+    """Check of rows, which may come from a user.
+
+    Args:
+        nv: Number of accelerations.
+    """
+
+    def __init__(self, nv: int) -> None:
+        self._nv, self._are_numbers = nv, _are_numbers.load()
+
+    def plain(self, rows: LinearInequality) -> LinearInequality | None:
+        """Return rows as solvers take them; None for others than numbers, and for shapes that do not fit."""
+        matrix, bound, m = _plain(rows.matrix), _plain(rows.bound), len(rows.names)
+        if matrix.shape != (m, self._nv) or bound.shape != (m,):
+            return None
+        if not self._are_numbers(matrix, bound):
+            return None
+        if matrix is rows.matrix and bound is rows.bound:
+            return rows
+        return LinearInequality(matrix, bound, rows.names)
+
+
+def _plain(values: FloatArray) -> FloatArray:
+    """Return a contiguous array of floats that may be written to: DAQP refuses others."""
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    return array if array.flags.writeable else array.copy()
 
 
 class Constraint(ABC):

@@ -110,7 +110,8 @@ def checked_rotation(what: str, value: Target) -> FloatArray:
             )
         # Orthonormal to rounding again: the tolerance above would show as an error that never ends.
         left, _, right = np.linalg.svd(array)
-        return left @ right
+        matrix = left @ right
+        return matrix
     raise TargetError(
         f"{what} takes a (3, 3) rotation matrix or a unit quaternion (x, y, z, w), got shape {array.shape}"
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
@@ -88,7 +89,8 @@ def test_it_is_the_spline_of_scipy(count: int) -> None:
     durations = random.uniform(0.2, 3.0, count)
     knots = np.concatenate([[0.0], np.cumsum(durations)])
     still = np.zeros(4)
-    ends = ([(1, velocity), (2, still)], [(1, still), (2, still)])
+    # More general than SciPy's types.
+    ends: Any = ([(1, velocity), (2, still)], [(1, still), (2, still)])
     expected = make_interp_spline(knots, points, k=5, bc_type=ends)
     times = np.sort(np.concatenate([knots, random.uniform(0, knots[-1], 300)]))
     positions, speeds = spline(points, velocity, durations.tolist())(times)

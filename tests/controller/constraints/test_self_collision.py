@@ -100,7 +100,11 @@ def capsule_frame(model: RobotModel, link: str, capsule: Capsule) -> BodyFrame:
 def test_axes_that_meet_give_no_direction() -> None:
     """Two equal capsules on one link: nothing can be said, and nothing is not a number."""
     same = Capsule(start=(0.0, 0.0, 0.0), end=(0.1, 0.0, 0.0), radius=0.05)
-    parts = {"LForeArm": (same,), "l_wrist": (same,), "LBicep": (same,)}
+    parts: dict[str, tuple[Capsule, ...]] = {
+        "LForeArm": (same,),
+        "l_wrist": (same,),
+        "LBicep": (same,),
+    }
     settings = replace(SETTINGS, capsules=parts, pairs=(("LForeArm", "LForeArm"),))
     capsules = CapsuleDistances(RobotModel(ROBOT), settings)
     capsules.place(RobotModel(ROBOT).configuration(np.zeros(17)))
