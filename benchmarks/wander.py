@@ -45,7 +45,7 @@ class Judge:
 
     def __init__(self, robot: RobotConfig) -> None:
         self._model = RobotModel(robot)
-        self._capsules = CapsuleDistances(self._model, load_self_collision(robot), 0.0)
+        self._capsules = CapsuleDistances(self._model, load_self_collision(robot))
         full = pin.buildModelFromUrdf(str(robot.urdf), pin.JointModelFreeFlyer())
         wheels = [full.getJointId(name) for name in robot.wheels.names]
         self._free = pin.buildReducedModel(full, wheels, pin.neutral(full))
@@ -55,8 +55,7 @@ class Judge:
 
     def distance(self, q: FloatArray) -> float:
         """Least distance of any pair [m]."""
-        pin.forwardKinematics(self._model.pin, self._model.data, q)
-        self._capsules.place(self._model.data)
+        self._capsules.place(q)
         return float(self._capsules.distances().min())
 
     def centre_of_mass(self, q: FloatArray) -> float:

@@ -58,6 +58,7 @@ class RobotModel:
         v: (20,) velocity that :meth:`set_state` stored.
         joint_position: (17,) joint positions of that state [rad]; may be a view of it.
         joint_velocity: (17,) joint velocities of that state [rad/s]; may be a view of it.
+        centre_of_mass: (3,) in the world [m], after :meth:`centroidal_momentum`; a view of its results.
         robot: The description it was made from.
         data: Pinocchio's results for the stored state.
         pin: Pinocchio's model.
@@ -78,16 +79,21 @@ class RobotModel:
         self.data = self.pin.createData()
         # For other states than the stored one, whose results must stay.
         self._other_data = self.pin.createData()
+        # Kept for all that need it in a cycle, whatever tasks of users compute in `data`.
+        self._momentum_data = self.pin.createData()
         self.nv: int = self.pin.nv
         self._zero = np.zeros(self.nv)
         self.q: FloatArray
         self.v: FloatArray
+        self.centre_of_mass: FloatArray
         self.joint_position: FloatArray
         self.joint_velocity: FloatArray
         self.set_state(pin.neutral(self.pin), np.zeros(self.nv))
         # Views of the results of Pinocchio: they change with its next call.
-        self._com, self._com_velocity = self.data.com[0], self.data.vcom[0]
-        self._com_bias = self.data.acom[0]
+        data, momentum = self.data, self._momentum_data
+        self._com, self._com_velocity, self._com_bias = data.com[0], data.vcom[0], data.acom[0]
+        self._momentum_map, self._momentum = momentum.Ag, momentum.hg.vector
+        self._momentum_bias, self.centre_of_mass = momentum.dhg.vector, momentum.com[0]
 
     # -- state --------------------------------------------------------------------------------------------------
 
@@ -96,12 +102,14 @@ class RobotModel:
         self.q, self.v = q, v
         self.joint_position = q[self._position_columns]
         self.joint_velocity = v[self._velocity_columns]
+        self._has_kinematics = self._has_momentum = False
 
     def update_kinematics(self) -> None:
-        """Compute placements, velocities, Jacobians and centre of mass of the stored state."""
-        model, data = self.pin, self.data
-        pin.forwardKinematics(model, data, self.q, self.v, self._zero)
-        pin.computeJointJacobians(model, data)
+        """Compute placements, velocities and Jacobians of the stored state, once for each."""
+        if not self._has_kinematics:
+            pin.forwardKinematics(self.pin, self.data, self.q, self.v, self._zero)
+            pin.computeJointJacobians(self.pin, self.data)
+            self._has_kinematics = True
 
     def joints_of_configuration(self, q: FloatArray) -> FloatArray:
         """Return the (17,) joint positions of a configuration [rad]; may be a view of it."""
@@ -168,14 +176,19 @@ class RobotModel:
         return self._com, jacobian, self._com_velocity, self._com_bias
 
     def centroidal_momentum(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Compute the momentum about the centre of mass in world axes, linear, then angular.
+        """Compute the momentum about the centre of mass in world axes, linear, then angular; once for each state.
 
         Returns:
             (6, 20) momentum per velocity; (6,) momentum [kg m/s], [kg m2/s]; (6,) its rate without accelerations.
+            Views of the results for the stored state.
         """
-        data = self.data
-        rate = pin.dccrba(self.pin, data, self.q, self.v)
-        return data.Ag, data.hg.vector, rate @ self.v
+        if not self._has_momentum:
+            model, data = self.pin, self._momentum_data
+            pin.forwardKinematics(model, data, self.q, self.v, self._zero)
+            pin.ccrba(model, data, self.q, self.v)
+            pin.computeCentroidalMomentumTimeVariation(model, data)
+            self._has_momentum = True
+        return self._momentum_map, self._momentum, self._momentum_bias
 
     # -- conversion ---------------------------------------------------------------------------------------------
 

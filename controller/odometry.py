@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from math import cos, sin
+from math import cos, isfinite, sin
 
 import numpy as np
 
 from pepper_driver.backends.fields import Measurement
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.kernels import Matrix, Out, kernel
 from pepper_driver.controller.model import RobotModel
 
 
@@ -73,7 +74,8 @@ class Odometry:
     """
 
     def __init__(self, robot: RobotConfig) -> None:
-        self._wheel_to_twist = robot.wheels.inverse
+        self._wheel_to_twist = np.ascontiguousarray(robot.wheels.inverse)
+        self._drive = _drive.load()
         self.reset()
 
     def reset(self) -> None:
@@ -83,15 +85,35 @@ class Odometry:
 
     def update(self, wheel_speed: FloatArray, dt: float) -> None:
         """Move by one cycle [s] at (3,) wheel speeds [rad/s], along an arc; stay if they are not finite."""
-        twist = self._wheel_to_twist @ wheel_speed
-        if not np.isfinite(twist).all():
-            return
-        self.twist = twist
-        vx, vy, wz = self.twist.tolist()
-        x, y, heading = self.pose.tolist()
-        turn = wz * dt
-        # Chord of the arc, exact for a constant twist: v dt turned by half the angle, shortened by sinc.
-        middle = heading + turn / 2
-        length = dt * (sin(turn / 2) / (turn / 2) if abs(turn) > 1e-6 else 1.0)
-        c, s = cos(middle) * length, sin(middle) * length
-        self.pose = np.array([x + c * vx - s * vy, y + s * vx + c * vy, heading + turn])
+        speed = np.ascontiguousarray(wheel_speed, dtype=np.float64)
+        twist, pose = np.empty(3), np.empty(3)
+        if self._drive(self._wheel_to_twist, speed, dt, self.pose, twist, pose):
+            self.twist, self.pose = twist, pose
+
+
+@kernel
+def _drive(
+    wheel_to_twist: Matrix[FloatArray],
+    wheel_speed: FloatArray,
+    dt: float,
+    before: FloatArray,
+    twist: Out[FloatArray],
+    pose: Out[FloatArray],
+) -> bool:
+    """Write the twist of the base and its pose after a cycle; return False where the twist is not finite."""
+    for i in range(3):
+        twist[i] = 0.0
+        for wheel in range(3):
+            twist[i] += wheel_to_twist[i, wheel] * wheel_speed[wheel]
+    if not (isfinite(twist[0]) and isfinite(twist[1]) and isfinite(twist[2])):
+        return False
+    vx, vy, wz = twist[0], twist[1], twist[2]
+    turn = wz * dt
+    # Chord of the arc, exact for a constant twist: v dt turned by half the angle, shortened by sinc.
+    middle = before[2] + turn / 2
+    length = dt * (sin(turn / 2) / (turn / 2) if abs(turn) > 1e-6 else 1.0)
+    c, s = cos(middle) * length, sin(middle) * length
+    pose[0] = before[0] + c * vx - s * vy
+    pose[1] = before[1] + s * vx + c * vy
+    pose[2] = before[2] + turn
+    return True

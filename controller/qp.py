@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.kernels import Matrix, Out, kernel
 from pepper_driver.controller.constraints.constraint import LinearInequality, stack
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.solvers import Solver
@@ -27,8 +28,6 @@ SLACK_WEIGHT = 1e4
 SLACK_MARGIN = 1e-6
 """[rad/s2] Added to the least violation of a relaxed row, so that the next problem has room for rounding."""
 
-multiply = np.multiply
-
 NO_INEQUALITY = LinearInequality(NO_ROWS, NO_BOUNDS, ())
 
 QpStatus = Literal["solved", "relaxed", "infeasible", "failed"]
@@ -43,13 +42,83 @@ class QpResult(NamedTuple):
 
 @dataclass(slots=True)
 class TaskBlock:
-    """Block of a task: its rows, the (20,) mask of its velocities, and the present gains of its rows."""
+    """Block of a task: its rows, and their present gains."""
 
     task: Task
     place: slice
     rows: TaskRows
-    joint_mask: FloatArray
     gains: Gains | None = None
+
+
+@kernel
+def _feedback(
+    jacobian: Matrix[FloatArray],
+    velocity: FloatArray,
+    error: FloatArray,
+    bias: FloatArray,
+    stiffness: FloatArray,
+    damping: FloatArray,
+    rate: Out[FloatArray],
+    requested: Out[FloatArray],
+) -> None:
+    """Write the rates J v and the requested accelerations, k e - d J v - Jdot v, of all rows."""
+    for row in range(len(error)):
+        rate[row] = 0.0
+        for i in range(len(velocity)):
+            rate[row] += jacobian[row, i] * velocity[i]
+        requested[row] = stiffness[row] * error[row] - damping[row] * rate[row] - bias[row]
+
+
+@kernel
+def _cost(
+    jacobian: Matrix[FloatArray],
+    mask: Matrix[FloatArray],
+    weight: FloatArray,
+    requested: FloatArray,
+    velocity: FloatArray,
+    ratio: float,
+    rest_rate: float,
+    moved: Out[FloatArray],
+    hessian: Out[Matrix[FloatArray]],
+    gradient: Out[FloatArray],
+) -> None:
+    """Write the cost of all rows: H = sum of w j j', g = - sum of w a j, with j = mask * J of a row.
+
+    Each variable's own cost has a fraction added, with which a movement that no task requests comes to rest.
+
+    Args:
+        jacobian: (rows, n) J of all rows.
+        mask: (rows, n) 1 where a row may move a variable, else 0.
+        weight: (rows,) w.
+        requested: (rows,) a.
+        velocity: (n,)
+        ratio: Of what is added to the own cost of a variable.
+        rest_rate: Rate at which its motion then decays [1/s].
+        moved: (n,) for j.
+        hessian: (n, n) to write.
+        gradient: (n,) to write.
+    """
+    n = len(velocity)
+    hessian[:] = 0.0
+    gradient[:] = 0.0
+    for row in range(len(weight)):
+        for i in range(n):
+            moved[i] = jacobian[row, i] * mask[row, i]
+        for i in range(n):
+            weighted = moved[i] * weight[row]
+            gradient[i] += requested[row] * weighted
+            if weighted == 0.0:  # most rows move few variables
+                continue
+            for k in range(n):
+                hessian[i, k] += weighted * moved[k]
+    largest = 0.0
+    for i in range(n):
+        largest = np.maximum(largest, hessian[i, i])
+    smallest = MIN_COST * largest if largest > 0.0 else 1.0
+    for i in range(n):
+        own = ratio * np.maximum(hessian[i, i], smallest)
+        hessian[i, i] += own
+        gradient[i] = rest_rate * own * velocity[i] - gradient[i]
 
 
 class QuadraticProgram:
@@ -66,8 +135,8 @@ class QuadraticProgram:
     def __init__(self, nv: int, regularisation: float, rest_rate: float) -> None:
         self._nv, self._ratio, self._rest_rate = nv, regularisation, rest_rate
         self.hessian, self.gradient = np.zeros((nv, nv)), np.zeros(nv)
-        self._diagonal = self.hessian.ravel()[:: nv + 1]
-        self._regularisation, self._resting, self._rest = np.zeros((3, nv))
+        self._moved = np.zeros(nv)
+        self._feedback, self._cost = _feedback.load(), _cost.load()
         # Whatever the solver in use: this one decides, in a bounded time, if there is a solution.
         self._exact = DaqpSolver()
         self.allocate((), None)
@@ -75,10 +144,9 @@ class QuadraticProgram:
     def allocate(self, tasks: Sequence[Task], model: RobotModel | None) -> None:
         """Allocate the rows of every task."""
         nv, count = self._nv, sum(task.rows for task in tasks)
-        self._jacobian, self._mask, self._masked = np.zeros((3, count, nv))
-        self._weight, self._weighted = np.zeros((2, count, nv))
+        self._jacobian, self._mask = np.zeros((2, count, nv))
         self._error, self._rate, self._bias, self._requested = np.zeros((4, count))
-        self._stiffness, self._damping, self._damped = np.zeros((3, count))
+        self._stiffness, self._damping, self._weight = np.zeros((3, count))
         self._blocks: list[TaskBlock] = []
         start = 0
         for task in tasks:
@@ -88,9 +156,8 @@ class QuadraticProgram:
                 arrays = (self._jacobian, self._error, self._rate, self._bias, self._requested)
                 rows = TaskRows(*(array[place] for array in arrays))
                 task.attach(model, rows)
-                self._blocks.append(TaskBlock(task, place, rows, task.joint_mask(model)))
-        if all(block.joint_mask.all() for block in self._blocks):
-            self._masked = self._jacobian
+                self._mask[place] = task.joint_mask(model)
+                self._blocks.append(TaskBlock(task, place, rows))
 
     def assemble(self, model: RobotModel, dt: float) -> None:
         """Evaluate all tasks at the model's state and form the cost."""
@@ -104,41 +171,36 @@ class QuadraticProgram:
             task.up_to_date = True
             if task.gains is not block.gains:
                 self._take_gains(block)
-        requested, damped, weighted = self._requested, self._damped, self._weighted
-        H, g, v, rate = self.hessian, self.gradient, model.v, self._rate
-        # Positional outputs and methods are the quickest calls of NumPy.
-        self._jacobian.dot(v, rate)
-        multiply(self._stiffness, self._error, requested)
-        multiply(self._damping, rate, damped)
-        requested -= damped
-        requested -= self._bias
+        self._feedback(
+            self._jacobian,
+            model.v,
+            self._error,
+            self._bias,
+            self._stiffness,
+            self._damping,
+            self._rate,
+            self._requested,
+        )
         for block in with_reference:
             block.task.add_feedforward(block.rows)
-        # Two arrays, J and W J: NumPy computes the product of an array with itself by a slower routine.
-        masked = self._masked
-        if masked is not self._jacobian:
-            multiply(self._jacobian, self._mask, masked)
-        multiply(masked, self._weight, weighted)
-        weighted.T.dot(masked, H)
-        requested.dot(weighted, g)
-        self._regularise()
-        self._diagonal += self._regularisation
-        multiply(self._resting, v, self._rest)
-        np.subtract(self._rest, g, g)
+        self._cost(
+            self._jacobian,
+            self._mask,
+            self._weight,
+            self._requested,
+            model.v,
+            self._ratio,
+            self._rest_rate,
+            self._moved,
+            self.hessian,
+            self.gradient,
+        )
 
     def _take_gains(self, block: TaskBlock) -> None:
         gains, place = block.task.gains, block.place
         block.gains = gains
         self._stiffness[place], self._damping[place] = gains.stiffness, gains.damping
-        self._weight[place] = gains.weight[:, None]
-        self._mask[place] = block.joint_mask
-
-    def _regularise(self) -> None:
-        """Add a fraction of each variable's own cost to it; movements that no task requests come to rest."""
-        min_cost, regularisation = MIN_COST * self._diagonal.max(), self._regularisation
-        np.maximum(self._diagonal, min_cost if min_cost > 0 else 1.0, out=regularisation)
-        multiply(self._ratio, regularisation, regularisation)
-        multiply(self._rest_rate, regularisation, self._resting)
+        self._weight[place] = gains.weight
 
     def solve(
         self,
@@ -218,7 +280,9 @@ class QuadraticProgram:
         matrix[np.flatnonzero(soft), nv + np.arange(count)] = -1.0
         H = np.zeros((nv + count, nv + count))
         H[:nv, :nv] = self.hessian
-        H[range(nv, nv + count), range(nv, nv + count)] = SLACK_WEIGHT * self._diagonal.max()
+        H[range(nv, nv + count), range(nv, nv + count)] = (
+            SLACK_WEIGHT * self.hessian.diagonal().max()
+        )
         solution = self._exact.solve(
             H,
             np.concatenate([self.gradient, np.zeros(count)]),
@@ -233,8 +297,8 @@ class QuadraticProgram:
 
     def acceleration_errors(self, acceleration: FloatArray) -> list[tuple[Task, FloatArray, float]]:
         """Return every task with the errors of (20,) accelerations in its rows of the last cycle, and their cost."""
-        acceleration_error = self._masked @ acceleration - self._requested
-        cost = self._weight[:, 0] * acceleration_error**2
+        acceleration_error = (self._jacobian * self._mask) @ acceleration - self._requested
+        cost = self._weight * acceleration_error**2
         return [
             (s.task, acceleration_error[s.place], float(cost[s.place].sum())) for s in self._blocks
         ]

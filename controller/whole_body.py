@@ -14,6 +14,7 @@ from pepper_driver.config import ControllerSettings, RobotConfig, load_controlle
 from pepper_driver.config.arguments import checked_arguments, is_number
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import shown
+from pepper_driver.config.kernels import Out, kernel
 from pepper_driver.controller.changes import Changes
 from pepper_driver.controller.constraints import (
     AccelerationBox,
@@ -22,6 +23,7 @@ from pepper_driver.controller.constraints import (
     LinearInequality,
     standard_constraints,
 )
+from pepper_driver.controller.constraints.constraint import RowCheck
 from pepper_driver.controller.dither import Dither
 from pepper_driver.controller.errors import (
     GainError,
@@ -37,6 +39,7 @@ from pepper_driver.controller.solvers import make_solver
 from pepper_driver.controller.tasks import BaseVelocityTask, PostureTask, Task
 from pepper_driver.controller.tasks.targets import finite_vector
 from pepper_driver.controller.tick import Reference
+from pepper_driver.controller.trajectory import load_splines
 
 BASE_HOLD_STIFFNESS = 400.0
 """[1/s2] Stiffness of the base while it is held: it brakes as fast as its acceleration limits allow."""
@@ -46,6 +49,21 @@ MAX_TASKS = 64
 
 VIOLATION_TOLERANCE = 1e-6
 """[rad/s2] Violation up to which a row counts as satisfied."""
+
+
+@kernel
+def _advance(
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    dt: float,
+    displacement: Out[FloatArray],
+    after: Out[FloatArray],
+) -> None:
+    """Write the displacement v dt + a dt^2 / 2 of a cycle, and the velocity after it, v + a dt."""
+    for i in range(len(velocity)):
+        change = acceleration[i] * dt
+        displacement[i] = (velocity[i] + change * 0.5) * dt
+        after[i] = velocity[i] + change
 
 
 @checked_arguments
@@ -95,8 +113,9 @@ class WholeBodyController:
         self._dt = robot.cycle if dt is None else _checked_cycle(dt)
         self._jerk_limited = settings.jerk_limit is not None
         self.model = RobotModel(robot)
-        # Small arrays are multiplied faster by arrays of their shape than by numbers.
-        self._cycle, self._half = np.full(self.model.nv, self._dt), np.full(self.model.nv, 0.5)
+        self._displacement = np.zeros(self.model.nv)
+        self._advance, self._row_check = _advance.load(), RowCheck(self.model.nv)
+        load_splines()
         self.return_speed, self.min_return_time = settings.return_speed, settings.min_return_time
         self._box = AccelerationBox(robot, settings, self.model, self._dt)
         self._braking_limits = BrakingLimits(self._box.acceleration_limit, self._dt)
@@ -337,12 +356,10 @@ class WholeBodyController:
         if dithering and not self.dither.active:
             self.posture.superpose(None)
         self._acceleration = acceleration
-        change = acceleration * self._cycle
-        displacement = change * self._half
-        displacement += v
-        displacement *= self._cycle
-        self._q = q = model.integrate(q, displacement)
-        self._v = v = v + change
+        velocity = np.empty_like(v)
+        self._advance(v, acceleration, dt, self._displacement, velocity)
+        self._q = q = model.integrate(q, self._displacement)
+        self._v = v = velocity
         model.set_state(q, v)
         return Reference(
             position=model.joint_position,
@@ -362,8 +379,8 @@ class WholeBodyController:
         program.assemble(model, self._dt)
         box.update(q, v, self._acceleration)
         self._active = []
-        waiting = [constraint for constraint in self._constraints if constraint.lazy]
-        self._activate([c for c in self._constraints if not c.lazy])
+        waiting = self._lazy
+        self._activate(self._eager)
         result = self._optimise(q, v)
         # Rows of lazy constraints are added when the accelerations violate them, and all others are checked again: a
         # solution with more rows may violate a constraint that the previous one satisfied.
@@ -388,18 +405,19 @@ class WholeBodyController:
             rows = constraint.compute_inequality(self.model, self._braking_limits)
             if rows is None:
                 continue
-            # The row of NaN makes the status name the faulty constraint; an error would end the tick.
-            if not rows.usable(self.model.nv):
-                rows = LinearInequality(
-                    np.zeros((1, self.model.nv)), np.array([np.nan]), (constraint.name,)
-                )
-            self._active.append((constraint, rows))
+            plain = self._row_check.plain(rows)
+            if plain is None:
+                # The row of NaN makes the status name the faulty constraint; an error would end the tick.
+                nothing = np.zeros((1, self.model.nv))
+                plain = LinearInequality(nothing, np.array([np.nan]), (constraint.name,))
+            self._active.append((constraint, plain))
         return len(self._active) > before
 
     def _optimise(self, q: FloatArray, v: FloatArray) -> QpResult:
         """Solve with the present rows."""
         box, program = self._box, self._program
-        groups = [(constraint.priority, rows) for constraint, rows in self._active]
+        active = self._active
+        groups = [(constraint.priority, rows) for constraint, rows in active] if active else ()
         result = program.solve(self._solver, box.lower, box.upper, groups)
         if result.outcome != "solved" and self._jerk_limited:
             # Joints that may not brake at once can violate limits that they share, which matter more than jerk.
@@ -414,6 +432,8 @@ class WholeBodyController:
         tasks: Sequence[Task] = own if self._holding else self._tasks
         self.base_velocity.relax(any(task.moves_base for task in tasks))
         self._program.allocate(tasks, self.model)
+        self._lazy = [constraint for constraint in self._constraints if constraint.lazy]
+        self._eager = [constraint for constraint in self._constraints if not constraint.lazy]
         parts: Sequence[Task | Constraint] = [*tasks, *self._constraints]
         self._needs_kinematics = any(part.needs_kinematics for part in parts)
 
@@ -490,4 +510,4 @@ def check_part(part: Task | Constraint, robot: RobotConfig) -> None:
 def _checked_cycle(dt: float) -> float:
     if not (is_number(dt) and 0.0 < dt < np.inf):
         raise GainError("dt", dt, "a cycle in seconds above 0")
-    return dt
+    return float(dt)

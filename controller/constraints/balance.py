@@ -26,14 +26,14 @@ require, so they do not exclude each other.
 from __future__ import annotations
 
 from math import inf, sqrt
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arguments import checked_arguments, is_number
-from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.arrays import FloatArray, IntArray
+from pepper_driver.config.kernels import Matrix, Out, Records, kernel, make_records
 from pepper_driver.controller.constraints.constraint import (
     MIN_ROW_SIZE,
     BrakingLimits,
@@ -57,25 +57,201 @@ RETURN_RATIO = 0.3
 """Fraction of the acceleration of the joints with which the robot returns when the capture point is outside."""
 
 
-class _Place(NamedTuple):
-    """Place of the centre of mass between the edges, one entry for each edge.
+class Distances:
+    """Mass of the robot, and the distances that it keeps inside the edges.
 
     Attributes:
-        height: Height of the centre of mass [m].
-        inside: Its distance inside the edge [m].
-        caught: The same minus the effect of a turn of the base [m].
-        moments: (6,) moment about the edge of a force at the centre of mass and of a torque, in world axes.
+        mass: m [kg].
+        margin: For rest [m].
+        moving_margin: In motion [m].
     """
 
-    height: float
-    inside: list[float]
-    caught: list[float]
-    moments: list[list[float]]
+    mass: float
+    margin: float
+    moving_margin: float
 
 
-def _product(a: list[float], b: list[float]) -> float:
-    """Return the scalar product of two lists of six; the last entry of moments is zero."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4]
+class Edge:
+    """Line between two wheels, in base_link: its inward unit normal, and where it lies along that [m]."""
+
+    nx: float
+    ny: float
+    offset: float
+
+
+@kernel
+def _momenta(
+    q: FloatArray,
+    velocity: FloatArray,
+    com: FloatArray,
+    momentum_map: Matrix[FloatArray],
+    bias: FloatArray,
+    edges: Records[Edge],
+    weight: float,
+    place: Out[Matrix[FloatArray]],
+    tipping: Out[Matrix[FloatArray]],
+) -> None:
+    """Write place and momentum of the robot about the edges.
+
+    Args:
+        q: Configuration.
+        velocity: (n,) v.
+        com: (3,) centre of mass in the world [m].
+        momentum_map: (n, 6) transposed A: (l, k) per velocity.
+        bias: (6,) rate of (l, k) without accelerations.
+        edges: Those of the triangle.
+        weight: m g [N].
+        place: (edges, 3) to write: the distance d of the centre of mass inside each edge [m]; the same minus the effect
+            of a turn of the base [m]; dH/dt + m g d without accelerations [N m].
+        tipping: (edges, n) to write: H per velocity.
+    """
+    x, y, cosine, sine = q[0], q[1], q[2], q[3]
+    height = com[2]
+    cx = cosine * (com[0] - x) + sine * (com[1] - y)
+    cy = cosine * (com[1] - y) - sine * (com[0] - x)
+    # During a turn the zero moment point is further out than the centre of mass, by the centripetal force.
+    vx, vy, wz = velocity[0], velocity[1], velocity[2]
+    turn_x, turn_y = -wz * (vy + wz * cx), wz * (vx - wz * cy)
+    for e in range(len(edges)):
+        nx, ny = edges[e].nx, edges[e].ny
+        d = nx * cx + ny * cy - edges[e].offset
+        # Direction t of the edge in world axes; (c - e) x l along it.
+        tx, ty = cosine * ny + sine * nx, sine * ny - cosine * nx
+        ax, ay = ty * height, -tx * height
+        place[e, 0] = d
+        place[e, 1] = d - max((nx * turn_x + ny * turn_y) * height / GRAVITY, 0.0)
+        place[e, 2] = (
+            ax * bias[0] + ay * bias[1] + d * (bias[2] + weight) + tx * bias[3] + ty * bias[4]
+        )
+        for i in range(len(velocity)):
+            row = momentum_map[i]
+            tipping[e, i] = ax * row[0] + ay * row[1] + d * row[2] + tx * row[3] + ty * row[4]
+
+
+@kernel
+def _keeps_balance(
+    q: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    com: FloatArray,
+    momentum_map: Matrix[FloatArray],
+    bias: FloatArray,
+    edges: Records[Edge],
+    limits: Records[Distances],
+    dt: float,
+    place: Out[Matrix[FloatArray]],
+    tipping: Out[Matrix[FloatArray]],
+) -> bool:
+    """Return True if zero moment point and capture point stay inside all edges with (n,) accelerations."""
+    mass, margin, moving_margin = limits[0].mass, limits[0].margin, limits[0].moving_margin
+    weight, height = mass * GRAVITY, com[2]
+    _momenta(q, velocity, com, momentum_map, bias, edges, weight, place, tipping)
+    rate = sqrt(GRAVITY / height)
+    force = bias[2] + weight
+    for i in range(len(velocity)):
+        force += momentum_map[i, 2] * acceleration[i]
+    for e in range(len(place)):
+        pushed = place[e, 2]
+        for i in range(len(velocity)):
+            pushed += tipping[e, i] * acceleration[i]
+        if pushed < moving_margin * force:
+            return False
+        # A base with constant velocity carries the triangle with it: only the momentum of the joints counts.
+        momentum = change = 0.0
+        for i in range(BASE, len(velocity)):
+            momentum += tipping[e, i] * velocity[i]
+            change += tipping[e, i] * acceleration[i]
+        after = momentum + change * dt
+        if after + momentum * rate * dt > mass * height * rate * (place[e, 1] - margin):
+            return False
+    return True
+
+
+@kernel
+def _balance_rows(
+    q: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    com: FloatArray,
+    momentum_map: Matrix[FloatArray],
+    bias: FloatArray,
+    edges: Records[Edge],
+    limits: Records[Distances],
+    dt: float,
+    place: Out[Matrix[FloatArray]],
+    tipping: Out[Matrix[FloatArray]],
+    matrix: Out[Matrix[FloatArray]],
+    bound: Out[FloatArray],
+    numbers: Out[IntArray],
+) -> int:
+    """Write the rows that some acceleration within its limits violates, in units of their largest entry.
+
+    Args:
+        q: As for :func:`_momenta`; so are the next six, but for ``acceleration``.
+        velocity: See there.
+        acceleration: (n,) limits.
+        com: See there.
+        momentum_map: See there.
+        bias: See there.
+        edges: See there.
+        limits: Mass and distances.
+        dt: Cycle [s].
+        place: As for :func:`_momenta`.
+        tipping: See there.
+        matrix: (2 edges, n) to write.
+        bound: (2 edges,) to write.
+        numbers: (2 edges,) to write: of a row for rest, that of its edge; of one for motion, that plus the number of
+            edges.
+
+    Returns:
+        Number of rows.
+    """
+    mass, margin, moving_margin = limits[0].mass, limits[0].margin, limits[0].moving_margin
+    weight, height = mass * GRAVITY, com[2]
+    _momenta(q, velocity, com, momentum_map, bias, edges, weight, place, tipping)
+    n, count = len(velocity), 0
+    rate = sqrt(GRAVITY / height)
+    force = bias[2] + weight
+    for number in range(2 * len(edges)):
+        e = number % len(edges)
+        at_rest = number < len(edges)
+        # Both rows must be possible together. The base alone can contribute this much, in either direction.
+        base = 0.0
+        for i in range(BASE):
+            base += abs(tipping[e, i]) * (BASE_RATIO * acceleration[i])
+        pushed = max(place[e, 2] - moving_margin * force, -base)
+        row = matrix[count]
+        if at_rest:
+            # A base with constant velocity carries the triangle with it: only the momentum of the joints counts.
+            momentum = reach = 0.0
+            for i in range(n):
+                row[i] = tipping[e, i] if i >= BASE else 0.0
+                momentum += row[i] * velocity[i]
+                reach += abs(row[i]) * acceleration[i]
+            allowed = min(MIN_ZMP_RANGE * weight - pushed - base, 0.0)
+            if place[e, 0] < moving_margin:
+                # The robot tips already, or is about to: it must return, without regard to the zero moment point.
+                allowed = -RETURN_RATIO * reach
+            free = mass * height * rate * (place[e, 1] - margin) / dt
+            most = max(free - momentum * (rate + 1 / dt), allowed)
+        else:
+            for i in range(n):
+                row[i] = moving_margin * momentum_map[i, 2] - tipping[e, i]
+            most = inf if place[e, 0] < moving_margin else pushed
+        reach = size = 0.0
+        for i in range(n):
+            reach += abs(row[i]) * acceleration[i]
+            size = max(size, abs(row[i]))
+        if not most < reach:
+            continue
+        # Solvers judge rows by one tolerance, which suits entries near 1.
+        scale = 1.0 / max(size, MIN_ROW_SIZE)
+        for i in range(n):
+            row[i] *= scale
+        bound[count] = most * scale
+        numbers[count] = number
+        count += 1
+    return count
 
 
 @checked_arguments
@@ -98,6 +274,7 @@ class Balance(Constraint):
 
     name = "balance"
     priority = 4
+    needs_kinematics = False
     lazy = True
 
     def __init__(
@@ -117,112 +294,63 @@ class Balance(Constraint):
         self._names = tuple(
             f"balance {state}, {name}" for state in ("at rest", "moving") for name in names
         )
-        # Per edge, as plain numbers: its inward normal and its offset along it. For three edges they are faster than
-        # arrays.
         offset = (self.inwards * self.corners).sum(axis=1)
-        self._edges = [(*n, o) for n, o in zip(self.inwards.tolist(), offset.tolist(), strict=True)]
-        self._margin, self._moving_margin = margin, moving_margin
-        self._mass = float(pin.computeTotalMass(model.pin))
-        self._min_moment = MIN_ZMP_RANGE * self._mass * GRAVITY
-        self._check_data = model.pin.createData()  # for accelerations that are only checked
+        nx, ny = self.inwards.T
+        self._edges = make_records(Edge, len(names), nx=nx, ny=ny, offset=offset)
+        mass = pin.computeTotalMass(model.pin)
+        self._limits = make_records(
+            Distances, 1, mass=mass, margin=margin, moving_margin=moving_margin
+        )
+        self._place, self._tipping = np.zeros((len(names), 3)), np.zeros((len(names), model.nv))
+        self._keeps_balance, self._rows = _keeps_balance.load(), _balance_rows.load()
 
     def is_satisfied(
         self, model: RobotModel, braking_limits: BrakingLimits, acceleration: FloatArray
     ) -> bool:
         """Check that zero moment point and capture point stay inside with (20,) accelerations."""
-        data, dt = self._check_data, braking_limits.dt
-        pin.computeCentroidalMomentumTimeVariation(model.pin, data, model.q, model.v, acceleration)
-        place = self._place(model, data.com[0].tolist())
-        force = data.dhg.vector.tolist()
-        force[2] += self._mass * GRAVITY
-        if any(_product(row, force) < self._moving_margin * force[2] for row in place.moments):
-            return False
-        velocity = model.v.copy()
-        velocity[:BASE] = 0.0
-        before = pin.ccrba(model.pin, data, model.q, velocity) @ velocity
-        change = acceleration.copy()
-        change[:BASE] = 0.0
-        after = (before + data.Ag @ change * dt).tolist()
-        rate, momentum = sqrt(GRAVITY / place.height), before.tolist()
-        return all(
-            _product(row, after) + _product(row, momentum) * rate * dt
-            <= self._mass * place.height * rate * (d - self._margin)
-            for row, d in zip(place.moments, place.caught, strict=True)
+        momentum_map, _, bias = model.centroidal_momentum()
+        return self._keeps_balance(
+            model.q,
+            model.v,
+            acceleration,
+            model.centre_of_mass,
+            np.ascontiguousarray(momentum_map.T),  # without a copy: Pinocchio stores columns
+            bias,
+            self._edges,
+            self._limits,
+            braking_limits.dt,
+            self._place,
+            self._tipping,
         )
 
     def compute_inequality(
         self, model: RobotModel, braking_limits: BrakingLimits
     ) -> LinearInequality | None:
         """Return up to six rows, of the lines that an acceleration could reach."""
-        acceleration, dt, data = braking_limits.acceleration, braking_limits.dt, model.data
-        pin.ccrba(model.pin, data, model.q, model.v)
-        pin.computeCentroidalMomentumTimeVariation(model.pin, data)
-        full = data.Ag
-        place = self._place(model, data.com[0].tolist())
-        height, moments, inside = place.height, place.moments, place.inside
-        matrix = np.empty((2 * len(moments), model.nv))
-        outwards, moving = matrix[: len(moments)], matrix[len(moments) :]
-        np.matmul(moments, full, outwards)
-        np.subtract(self._moving_margin * full[2], outwards, moving)
-        force = data.dhg.vector.tolist()
-        force[2] += self._mass * GRAVITY
-        pushed = [_product(row, force) - self._moving_margin * force[2] for row in moments]
-        # Both rows must be possible together. The base alone can contribute this much, in either direction.
-        base_reach = (BASE_RATIO * acceleration[:BASE]).tolist()
-        base = [
-            sum(abs(entry) * reach for entry, reach in zip(row, base_reach, strict=True))
-            for row in outwards[:, :BASE].tolist()
-        ]
-        pushed = [max(p, -b) for p, b in zip(pushed, base, strict=True)]
-        # A base with constant velocity carries the triangle with it: only the momentum of the joints counts.
-        outwards[:, :BASE] = 0.0
-        momentum = outwards.dot(model.v).tolist()
-        rate = sqrt(GRAVITY / height)
-        bounds = []
-        for i, caught in enumerate(place.caught):
-            allowed = min(self._min_moment - pushed[i] - base[i], 0.0)
-            if inside[i] < self._moving_margin:
-                # The robot tips already, or is about to: it must return, without regard to the zero moment point.
-                allowed = -RETURN_RATIO * float(np.abs(outwards[i]) @ acceleration)
-                pushed[i] = inf
-            free = self._mass * height * rate * (caught - self._margin) / dt
-            bounds.append(max(free - momentum[i] * (rate + 1 / dt), allowed))
-        return self._relevant_rows(matrix, bounds + pushed, acceleration)
-
-    def _place(self, model: RobotModel, com: list[float]) -> _Place:
-        """Return the place of the centre of mass (3,) in the world between the edges."""
-        x, y, cosine, sine = model.q[:4].tolist()
-        cx, cy, height = com
-        cx, cy = cosine * (cx - x) + sine * (cy - y), cosine * (cy - y) - sine * (cx - x)
-        # During a turn the zero moment point is further out than the centre of mass, by the centripetal force.
-        vx, vy, wz = model.v[:BASE].tolist()
-        turn_x, turn_y = -wz * (vy + wz * cx), wz * (vx - wz * cy)
-        inside, caught, moments = [], [], []
-        for nx, ny, offset in self._edges:
-            d = nx * cx + ny * cy - offset
-            inside.append(d)
-            caught.append(d - max((nx * turn_x + ny * turn_y) * height / GRAVITY, 0.0))
-            # Direction of the edge in world axes.
-            tx, ty = cosine * ny + sine * nx, sine * ny - cosine * nx
-            moments.append([ty * height, -tx * height, d, tx, ty, 0.0])
-        return _Place(height, inside, caught, moments)
-
-    def _relevant_rows(
-        self, matrix: FloatArray, bounds: list[float], acceleration: FloatArray
-    ) -> LinearInequality | None:
-        """Return the rows that some acceleration within its limits violates, in units of their largest entry."""
-        # Solvers judge rows by one tolerance, which suits entries near 1.
-        size = np.abs(matrix)
-        reach = size.dot(acceleration).tolist()
-        relevant = [i for i, bound in enumerate(bounds) if bound < reach[i]]
-        if not relevant:
-            return None
-        scale = [1.0 / max(row.max(), MIN_ROW_SIZE) for row in size[relevant]]
-        return LinearInequality(
-            matrix[relevant] * np.array(scale)[:, None],
-            np.array([bounds[i] * s for i, s in zip(relevant, scale, strict=True)]),
-            tuple(self._names[i] for i in relevant),
+        momentum_map, _, bias = model.centroidal_momentum()
+        most = 2 * len(self._edges)
+        matrix, bound = np.empty((most, model.nv)), np.empty(most)
+        numbers = np.empty(most, dtype=np.int64)
+        count = self._rows(
+            model.q,
+            model.v,
+            braking_limits.acceleration,
+            model.centre_of_mass,
+            np.ascontiguousarray(momentum_map.T),  # without a copy: Pinocchio stores columns
+            bias,
+            self._edges,
+            self._limits,
+            braking_limits.dt,
+            self._place,
+            self._tipping,
+            matrix,
+            bound,
+            numbers,
         )
+        if not count:
+            return None
+        names = tuple(self._names[number] for number in numbers[:count])
+        return LinearInequality(matrix[:count], bound[:count], names)
 
 
 def _triangle(model: RobotModel) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:

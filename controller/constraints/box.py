@@ -10,6 +10,7 @@ import numpy as np
 
 from pepper_driver.config import ControllerSettings, RobotConfig
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.kernels import Matrix, Out, Records, kernel, make_records
 from pepper_driver.controller.constraints.braking import BrakingDistance, VelocityDamper
 from pepper_driver.controller.model import BASE, RobotModel
 
@@ -18,6 +19,62 @@ BOX_TOLERANCE = 1e-9
 
 UNLIMITED_POSITION = 1e9
 """[m], [rad] Position limit of the base, which has none."""
+
+
+class AccelerationLimit:
+    """Limits of one velocity of the model.
+
+    Attributes:
+        velocity: [m/s], [rad/s].
+        acceleration: [m/s2], [rad/s2].
+        jerk_step: Largest change of the acceleration in one cycle [m/s2], [rad/s2]; infinite without a jerk limit.
+    """
+
+    velocity: float
+    acceleration: float
+    jerk_step: float
+
+
+@kernel
+def _bounds(
+    velocity: FloatArray,
+    before: FloatArray,
+    towards: Matrix[FloatArray],
+    limits: Records[AccelerationLimit],
+    dt: float,
+    jerk: bool,
+    lower: Out[FloatArray],
+    upper: Out[FloatArray],
+) -> None:
+    """Write the bounds on the accelerations.
+
+    Args:
+        velocity: v.
+        before: Accelerations of the previous cycle.
+        towards: (2, n) largest velocities after this cycle towards the upper, then the lower position limit.
+        limits: Those of the velocities.
+        dt: Cycle [s].
+        jerk: Whether the jerk limit holds.
+        lower: (n,) bounds to write.
+        upper: (n,) the same.
+    """
+    for i in range(len(limits)):
+        limit, v = limits[i], velocity[i]
+        step = limit.jerk_step if jerk else np.inf
+        for side in range(2):
+            # The lower bound is the upper one of the mirrored joint.
+            sign = 1.0 if side == 0 else -1.0
+            most = np.minimum(sign * before[i] + step, limit.acceleration)
+            most = np.maximum(most, -limit.acceleration)
+            # The velocity after this cycle: from the least important limit to the most important one.
+            after = sign * v + most * dt
+            after = np.maximum(np.minimum(after, limit.velocity), -limit.velocity)
+            after = np.maximum(np.minimum(after, towards[side, i]), -towards[1 - side, i])
+            bound = (after - sign * v) * (1.0 / dt)
+            if side == 0:
+                upper[i] = bound
+            else:
+                lower[i] = -bound
 
 
 class AccelerationBox:
@@ -56,7 +113,6 @@ class AccelerationBox:
         )
         linear, angular = base.linear_acceleration, base.angular_acceleration
         self.acceleration_limit = np.concatenate([[linear, linear, angular], acceleration])
-        self._step = self.acceleration_limit * dt
         self._jerk_step: FloatArray | None = None
         jerk = settings.joint_jerk(robot)
         if jerk is not None:
@@ -72,19 +128,17 @@ class AccelerationBox:
             if settings.position_limit == "braking"
             else VelocityDamper(self._low, self._high, self._velocity)
         )
-        # Arrays of 40 have the upper sides, then the mirrored lower sides, so that one formula is valid for both. They
-        # are contiguous and of one shape, with which small NumPy operations are fastest.
-        nv = model.nv
-        self._state, self._before = np.zeros(2 * nv), np.zeros(nv)
-        self._position, self._v = self._state[:nv], self._state[nv:]
-        self._joints = self._position[BASE:]
-        self._mirrored, self._bounds, self._other = np.zeros((3, 2 * nv))
-        self._mirrored_low, self._bounds_low = self._mirrored[nv:], self._bounds[nv:]
-        self._other_high, self._other_low = self._other[:nv], self._other[nv:]
-        self._velocity_40, self._step_40 = np.tile(self._velocity, 2), np.tile(self._step, 2)
-        self._against_velocity = -self._velocity_40
-        self._rate_40 = np.full(2 * nv, 1.0 / dt)
-        self.upper, self.lower = self._bounds[:nv], np.zeros(nv)
+        unlimited_jerk = np.full(model.nv, np.inf) if self._jerk_step is None else self._jerk_step
+        self._limits = make_records(
+            AccelerationLimit,
+            model.nv,
+            velocity=self._velocity,
+            acceleration=self.acceleration_limit,
+            jerk_step=unlimited_jerk,
+        )
+        self._position, self._v, self._before = np.zeros((3, model.nv))
+        self._bounds = _bounds.load()
+        self.lower, self.upper = np.zeros((2, model.nv))
 
     def update(
         self, q: FloatArray, v: FloatArray, before: FloatArray, *, jerk: bool = True
@@ -97,34 +151,11 @@ class AccelerationBox:
             before: (20,) acceleration of the previous cycle, for the jerk limit.
             jerk: False to ignore the jerk limit.
         """
-        mirrored, bounds, other, nv = self._mirrored, self._bounds, self._other, len(v)
-        self._joints[...] = q[BASE - nv :]
-        self._v[...] = mirrored[:nv] = v
-        self._before = before
-        np.negative(v, self._mirrored_low)
-        # Computed as velocities after this cycle, and converted to accelerations at the end.
-        np.add(mirrored, self._step_40, bounds)
-        if jerk and self._jerk_step is not None:
-            self._limit_jerk(before)
-        np.minimum(bounds, self._velocity_40, out=bounds)
-        np.maximum(bounds, self._against_velocity, out=bounds)
-        max_velocity = self._position_limit.max_velocity(self._state)
-        np.minimum(bounds, max_velocity, out=bounds)
-        np.negative(max_velocity[nv:], self._other_high)
-        np.negative(max_velocity[:nv], self._other_low)
-        np.maximum(bounds, other, out=bounds)
-        bounds -= mirrored
-        bounds *= self._rate_40
-        np.negative(self._bounds_low, self.lower)
-
-    def _limit_jerk(self, before: FloatArray) -> None:
-        """Set the velocities after this cycle that the jerk limit allows, within the acceleration limit."""
-        assert self._jerk_step is not None
-        nv, limit = len(before), self.acceleration_limit
-        upper = np.clip(before + self._jerk_step, -limit, limit)
-        lower = np.clip(before - self._jerk_step, -limit, limit)
-        self._bounds[:nv] = self._mirrored[:nv] + upper * self._dt
-        self._bounds[nv:] = self._mirrored[nv:] - lower * self._dt
+        # The base has no position limit: its entries stay zero.
+        self._position[BASE:] = q[BASE - len(v) :]
+        self._v, self._before = v, before
+        towards = self._position_limit.max_velocity(self._position, v)
+        self._bounds(v, before, towards, self._limits, self._dt, jerk, self.lower, self.upper)
 
     def relaxed(self, acceleration: FloatArray | None = None) -> tuple[str, ...]:
         """Return limits that the last update relaxed for more important ones, as ``"LHand acceleration"``.

@@ -40,9 +40,48 @@ from __future__ import annotations
 import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.kernels import Matrix, Out, Records, kernel, make_records
 
 BRAKE_RATIO = 0.9
 """Fraction of the acceleration limit with which the braking distance is computed."""
+
+
+class PositionLimit:
+    """Position limits of one joint, and how hard it brakes.
+
+    Attributes:
+        lower: [rad].
+        upper: [rad].
+        brake: b [rad/s2].
+    """
+
+    lower: float
+    upper: float
+    brake: float
+
+
+@kernel
+def _speed_to_rest(distance: float, velocity: float, brake: float, dt: float) -> float:
+    """Return the largest v+ towards a limit at a distance [rad], for the velocity towards it [rad/s]."""
+    w = (distance - velocity * dt / 2) / (1.5 * dt)
+    step = brake * dt
+    stop = np.sqrt(max(3 * step * w - 0.75 * step**2, 2.25 * step**2)) - step / 2
+    speed: float = np.maximum(np.minimum(w, stop), -step / 2)
+    return speed
+
+
+@kernel
+def _braking_speeds(
+    position: FloatArray,
+    velocity: FloatArray,
+    limits: Records[PositionLimit],
+    dt: float,
+    towards: Out[Matrix[FloatArray]],
+) -> None:
+    for i in range(len(limits)):
+        limit, q, v = limits[i], position[i], velocity[i]
+        towards[0, i] = _speed_to_rest(limit.upper - q, v, limit.brake, dt)
+        towards[1, i] = _speed_to_rest(q - limit.lower, -v, limit.brake, dt)
 
 
 class BrakingDistance:
@@ -60,34 +99,43 @@ class BrakingDistance:
     def __init__(
         self, lower: FloatArray, upper: FloatArray, acceleration: FloatArray, dt: float
     ) -> None:
-        n = len(lower)
-        step = np.tile(BRAKE_RATIO * acceleration * dt, 2)  # b dt, for both sides
-        self._floor = -step / 2
-        self._lowest = 2.25 * step**2
-        # w of both sides, then 3 b dt w - 3/4 (b dt)^2 of both: linear in (position, velocity), so one product.
-        distance, velocity = 1 / (1.5 * dt) * np.eye(n), np.eye(n) / 3
-        w = np.block([[-distance, -velocity], [distance, velocity]])
-        constant = np.concatenate([upper, -lower]) / (1.5 * dt)
-        self._matrix = np.concatenate([w, 3 * step[:, None] * w])
-        self._constant = np.concatenate([constant, 3 * step * constant - 0.75 * step**2])
-        self._result = np.zeros(4 * n)
-        self._w, self._stop = self._result[: 2 * n], self._result[2 * n :]
+        brake = BRAKE_RATIO * acceleration
+        self._limits = make_records(
+            PositionLimit, len(lower), lower=lower, upper=upper, brake=brake
+        )
+        self._dt, self._towards = dt, np.zeros((2, len(lower)))
+        self._speeds = _braking_speeds.load()
 
-    def max_velocity(self, state: FloatArray) -> FloatArray:
-        """Return (2 n,) velocities after this cycle towards the upper, then the lower limits [rad/s].
+    def max_velocity(self, position: FloatArray, velocity: FloatArray) -> FloatArray:
+        """Return (2, n) velocities after this cycle towards the upper, then the lower limits [rad/s].
 
         Args:
-            state: (2 n,) positions [rad], then velocities [rad/s].
+            position: (n,) [rad].
+            velocity: (n,) [rad/s].
         """
-        w, stop, floor = self._w, self._stop, self._floor
-        self._matrix.dot(state, self._result)
-        self._result += self._constant
-        np.maximum(stop, self._lowest, out=stop)
-        np.sqrt(stop, stop)
-        stop += floor
-        np.minimum(w, stop, out=stop)
-        np.maximum(stop, floor, out=stop)
-        return stop
+        self._speeds(position, velocity, self._limits, self._dt, self._towards)
+        return self._towards
+
+
+@kernel
+def _braking_path(
+    velocity: FloatArray,
+    brake: FloatArray,
+    dt: float,
+    max_time: float,
+    distance: Out[FloatArray],
+    gain: Out[FloatArray],
+) -> float:
+    """Write s(v+) and its change per acceleration about v+ = v; return the longest time until that point [s]."""
+    longest = 0.0
+    for i in range(len(velocity)):
+        v, b = velocity[i], brake[i]
+        time = np.minimum(np.maximum(abs(v) / b, dt), max_time)
+        braked = (abs(v) - b / 2 * time) * time + b / 2 * dt**2
+        distance[i] = v * dt + np.copysign(braked, v)
+        gain[i] = dt**2 / 2 + time * dt
+        longest = max(longest, time)
+    return longest
 
 
 class BrakingPath:
@@ -101,45 +149,20 @@ class BrakingPath:
     Attributes:
         distance: (n,) distance to that point with the present velocity in this cycle [m], [rad].
         gain: (n,) its change per acceleration in this cycle [s2].
+        max_time: Longest braking time of a joint until that point [s].
     """
 
     def __init__(self, brake: FloatArray, dt: float, cycles: float) -> None:
-        n = len(brake)
-        # Arrays of one shape: NumPy is fastest with them.
-        self._dt, self._max_time = np.full(n, dt), np.full(n, cycles * dt)
-        self._half, self._inverse = brake / 2, 1 / brake
-        self._shift = self._half * dt**2
-        self._first = np.full(n, dt**2 / 2)
-        self._speed, self._time = np.zeros(n), np.zeros(n)
-        self.distance, self.gain = np.zeros(n), np.zeros(n)
+        self._brake, self._dt, self._max_time = brake, dt, cycles * dt
+        self.distance, self.gain = np.zeros((2, len(brake)))
+        self.max_time = 0.0
+        self._path = _braking_path.load()
 
     def update(self, velocity: FloatArray) -> None:
         """Compute distance and gain for (n,) velocities at the start of the cycle."""
-        speed, time, distance, gain, dt = (
-            self._speed,
-            self._time,
-            self.distance,
-            self.gain,
-            self._dt,
+        self.max_time = self._path(
+            velocity, self._brake, self._dt, self._max_time, self.distance, self.gain
         )
-        np.abs(velocity, speed)
-        np.multiply(speed, self._inverse, time)
-        np.maximum(time, dt, out=time)
-        np.minimum(time, self._max_time, out=time)
-        np.multiply(self._half, time, distance)
-        np.subtract(speed, distance, distance)
-        distance *= time
-        distance += self._shift
-        np.copysign(distance, velocity, distance)
-        np.multiply(velocity, dt, speed)
-        distance += speed
-        np.multiply(time, dt, gain)
-        gain += self._first
-
-    @property
-    def max_time(self) -> float:
-        """Longest braking time of a joint until that point [s]."""
-        return float(self._time.max())
 
 
 INTERACTION_RATIO, SECURITY_RATIO = 0.1, 0.01
@@ -147,6 +170,47 @@ INTERACTION_RATIO, SECURITY_RATIO = 0.1, 0.01
 
 XI_OFFSET = 0.5
 """[rad/s] xi_off."""
+
+
+class DampedLimit:
+    """Limits of one joint for the damper.
+
+    Attributes:
+        lower: [rad].
+        upper: [rad].
+        speed: Velocity limit [rad/s].
+    """
+
+    lower: float
+    upper: float
+    speed: float
+
+
+@kernel
+def _damped_speeds(
+    position: FloatArray,
+    velocity: FloatArray,
+    limits: Records[DampedLimit],
+    xi: Out[Matrix[FloatArray]],
+    towards: Out[Matrix[FloatArray]],
+) -> None:
+    """Write the largest velocities; xi is 0 outside the zone."""
+    for i in range(len(limits)):
+        limit = limits[i]
+        interaction = INTERACTION_RATIO * (limit.upper - limit.lower)
+        security = SECURITY_RATIO * (limit.upper - limit.lower)
+        width = interaction - security
+        for side in range(2):
+            distance = limit.upper - position[i] if side == 0 else position[i] - limit.lower
+            if not distance < interaction:
+                xi[side, i], towards[side, i] = 0.0, np.inf
+                continue
+            beyond = distance - security
+            if xi[side, i] == 0.0:
+                # A joint that enters at or beyond the security distance gets xi as at a fifth of the zone.
+                ahead = beyond if beyond > 0 else 0.2 * width
+                xi[side, i] = abs(width / ahead * velocity[i]) + XI_OFFSET
+            towards[side, i] = np.maximum(xi[side, i] * beyond / width, -limit.speed)
 
 
 class VelocityDamper:
@@ -159,27 +223,16 @@ class VelocityDamper:
     """
 
     def __init__(self, lower: FloatArray, upper: FloatArray, speed: FloatArray) -> None:
-        self._lower, self._upper, self._lowest = lower, upper, -speed
-        self._interaction = INTERACTION_RATIO * (upper - lower)
-        self._security = SECURITY_RATIO * (upper - lower)
-        self._width = self._interaction - self._security
-        self._xi = np.zeros((2, len(lower)))  # 0 outside the zone
+        self._limits = make_records(DampedLimit, len(lower), lower=lower, upper=upper, speed=speed)
+        self._xi, self._towards = np.zeros((2, 2, len(lower)))
+        self._speeds = _damped_speeds.load()
 
-    def max_velocity(self, state: FloatArray) -> FloatArray:
-        """Return (2 n,) velocities after this cycle towards the upper, then the lower limits [rad/s].
+    def max_velocity(self, position: FloatArray, velocity: FloatArray) -> FloatArray:
+        """Return (2, n) velocities after this cycle towards the upper, then the lower limits [rad/s].
 
         Args:
-            state: (2 n,) positions [rad], then velocities [rad/s].
+            position: (n,) [rad].
+            velocity: (n,) [rad/s].
         """
-        position, velocity = state[: len(self._lower)], state[len(self._lower) :]
-        distance = np.stack([self._upper - position, position - self._lower])
-        inside = distance < self._interaction
-        entered = inside & (self._xi == 0.0)
-        beyond = distance - self._security
-        # A joint that enters at or beyond the security distance gets xi as at a fifth of the zone.
-        ahead = np.where(beyond > 0, beyond, 0.2 * self._width)
-        xi = np.abs(self._width / ahead * velocity) + XI_OFFSET
-        self._xi = np.where(inside, np.where(entered, xi, self._xi), 0.0)
-        limit = np.where(inside, self._xi * beyond / self._width, np.inf)
-        np.maximum(limit, self._lowest, out=limit)
-        return limit.ravel()
+        self._speeds(position, velocity, self._limits, self._xi, self._towards)
+        return self._towards

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.kernels import Matrix, kernel
 from pepper_driver.controller.constraints.braking import BRAKE_RATIO
 from pepper_driver.controller.model import RobotModel
 
@@ -50,18 +51,45 @@ class LinearInequality:
     bound: FloatArray
     names: tuple[str, ...]
 
-    def usable(self, nv: int) -> bool:
-        """Return True where shapes fit ``nv`` accelerations and each other, and all are numbers.
 
-        A bound may be infinite.
-        """
-        m = len(self.names)
-        return (
-            self.matrix.shape == (m, nv)
-            and self.bound.shape == (m,)
-            and bool(np.isfinite(self.matrix).all())
-            and not np.isnan(self.bound).any()
-        )
+@kernel
+def _are_numbers(matrix: Matrix[FloatArray], bound: FloatArray) -> bool:
+    """Return True where the entries of rows are finite and their bounds are numbers, which may be infinite."""
+    for row in range(len(bound)):
+        if np.isnan(bound[row]):
+            return False
+        for i in range(matrix.shape[1]):
+            if not np.isfinite(matrix[row, i]):
+                return False
+    return True
+
+
+class RowCheck:
+    """Check of rows, which may come from a user.
+
+    Args:
+        nv: Number of accelerations.
+    """
+
+    def __init__(self, nv: int) -> None:
+        self._nv, self._are_numbers = nv, _are_numbers.load()
+
+    def plain(self, rows: LinearInequality) -> LinearInequality | None:
+        """Return rows as solvers take them; None for others than numbers, and for shapes that do not fit."""
+        matrix, bound, m = _plain(rows.matrix), _plain(rows.bound), len(rows.names)
+        if matrix.shape != (m, self._nv) or bound.shape != (m,):
+            return None
+        if not self._are_numbers(matrix, bound):
+            return None
+        if matrix is rows.matrix and bound is rows.bound:
+            return rows
+        return LinearInequality(matrix, bound, rows.names)
+
+
+def _plain(values: FloatArray) -> FloatArray:
+    """Return a contiguous array of floats that may be written to: DAQP refuses others."""
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    return array if array.flags.writeable else array.copy()
 
 
 class Constraint(ABC):

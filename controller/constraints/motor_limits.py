@@ -10,6 +10,8 @@ import pinocchio as pin
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arguments import checked_arguments, is_number
+from pepper_driver.config.arrays import FloatArray, IntArray
+from pepper_driver.config.kernels import Matrix, Out, kernel
 from pepper_driver.controller.constraints.constraint import (
     BrakingLimits,
     Constraint,
@@ -17,6 +19,57 @@ from pepper_driver.controller.constraints.constraint import (
 )
 from pepper_driver.controller.errors import LimitError
 from pepper_driver.controller.model import BASE, RobotModel
+
+
+@kernel
+def _torque_rows(
+    inertia: Matrix[FloatArray],
+    load: FloatArray,
+    velocity: FloatArray,
+    columns: IntArray,
+    limits: FloatArray,
+    acceleration: FloatArray,
+    brake: FloatArray,
+    dt: float,
+    matrix: Out[Matrix[FloatArray]],
+    bound: Out[FloatArray],
+    numbers: Out[IntArray],
+) -> int:
+    """Write the rows of joints that could exceed their limit: upper limits, then lower ones.
+
+    Args:
+        inertia: (n, n) M.
+        load: (n,) C v + g.
+        velocity: (n,) v.
+        columns: (joints,) place of each joint in these.
+        limits: (joints,) [N m].
+        acceleration: (n,) limits.
+        brake: (n,) deceleration on the path to rest.
+        dt: Cycle [s].
+        matrix: (2 joints, n) to write.
+        bound: (2 joints,) to write.
+        numbers: (2 joints,) joint of each row, to write.
+
+    Returns:
+        Number of rows.
+    """
+    n, count = len(velocity), 0
+    for sign in (1.0, -1.0):
+        for number in range(len(columns)):
+            j, limit = columns[number], limits[number]
+            change = braking = 0.0
+            for i in range(n):
+                change += abs(inertia[j, i]) * acceleration[i]
+                stop = np.minimum(np.maximum(-velocity[i] / dt, -brake[i]), brake[i])
+                braking += inertia[j, i] * stop
+            if not sign * load[j] + change > limit:
+                continue
+            for i in range(n):
+                matrix[count, i] = sign * inertia[j, i]
+            bound[count] = max(limit - sign * load[j], sign * braking)
+            numbers[count] = number
+            count += 1
+    return count
 
 
 @checked_arguments
@@ -63,6 +116,7 @@ class TorqueLimit(Constraint):
         self.limit = fraction * np.array(torque)
         self._joints = robot.joint_names
         self._model: RobotModel | None = None
+        self._rows = _torque_rows.load()
 
     def compute_inequality(
         self, model: RobotModel, braking_limits: BrakingLimits
@@ -74,29 +128,31 @@ class TorqueLimit(Constraint):
                 model.pin.createData()
             )  # of its own: other constraints use the results in model.data
             order = np.argsort(model.joint_columns)
-            self._columns = model.joint_columns[order]
+            self._columns = model.joint_columns[order].astype(np.int64)
             self._limits = self.limit[order]
             self._names = tuple(f"{self.name} {self._joints[i]}" for i in order)
-        columns, limit = self._columns, self._limits
-        inertia = pin.crba(model.pin, self._data, model.q)[columns]
-        load = pin.nonLinearEffects(model.pin, self._data, model.q, model.v)[columns]
-        max_change = np.abs(inertia) @ braking_limits.acceleration
-        if not np.any(np.abs(load) + max_change > limit):
-            return None
-        (high,) = np.nonzero(load + max_change > limit)
-        (low,) = np.nonzero(max_change - load > limit)
-        brake = braking_limits.brake
-        braking = inertia @ np.minimum(np.maximum(-model.v / braking_limits.dt, -brake), brake)
-        return LinearInequality(
-            np.concatenate([inertia[high], -inertia[low]]),
-            np.concatenate(
-                [
-                    np.maximum(limit - load, braking)[high],
-                    np.maximum(limit + load, -braking)[low],
-                ]
-            ),
-            tuple(self._names[i] for i in (*high, *low)),
+        inertia = pin.crba(model.pin, self._data, model.q)
+        load = pin.nonLinearEffects(model.pin, self._data, model.q, model.v)
+        most = 2 * len(self._limits)
+        matrix, bound = np.empty((most, model.nv)), np.empty(most)
+        numbers = np.empty(most, dtype=np.int64)
+        count = self._rows(
+            np.ascontiguousarray(inertia),
+            load,
+            model.v,
+            self._columns,
+            self._limits,
+            braking_limits.acceleration,
+            braking_limits.brake,
+            braking_limits.dt,
+            matrix,
+            bound,
+            numbers,
         )
+        if not count:
+            return None
+        names = tuple(self._names[i] for i in numbers[:count])
+        return LinearInequality(matrix[:count], bound[:count], names)
 
 
 @checked_arguments

@@ -14,6 +14,7 @@ Two capsules that start nearer than the security distance are separated at most 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import inf
 
 import numpy as np
@@ -22,6 +23,7 @@ import pinocchio as pin
 from pepper_driver.config import RobotConfig, SelfCollisionSettings, load_self_collision
 from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.kernels import Out, kernel
 from pepper_driver.controller.collision import CapsuleDistances
 from pepper_driver.controller.constraints.braking import BRAKE_RATIO, BrakingPath
 from pepper_driver.controller.constraints.constraint import (
@@ -31,13 +33,28 @@ from pepper_driver.controller.constraints.constraint import (
     LinearInequality,
     stack,
 )
-from pepper_driver.controller.model import RobotModel
+from pepper_driver.controller.model import BASE, RobotModel
 
 CHECKED_CYCLES = (1.0, 3.0)
 """Cycles of braking after which distances are checked, in addition to rest."""
 
 MONITORED_CYCLES = 20
 """Cycles in which the whole path is checked after a pair was near at its end: longer than braking takes."""
+
+
+@kernel
+def _on_path(
+    q: FloatArray,
+    distance: FloatArray,
+    gain: FloatArray,
+    acceleration: FloatArray,
+    displaced: Out[FloatArray],
+) -> None:
+    """Write the configuration at a point of the path to rest, but for the base: it carries both links of a pair."""
+    ahead = len(q) - len(distance)
+    displaced[: BASE + ahead] = q[: BASE + ahead]
+    for i in range(BASE, len(distance)):
+        displaced[i + ahead] = q[i + ahead] + (distance[i] + gain[i] * acceleration[i])
 
 
 @checked_arguments
@@ -54,14 +71,16 @@ class SelfCollision(Constraint):
 
     name = "self-collision"
     priority = 2
+    needs_kinematics = False
     lazy = True
 
     def __init__(self, robot: RobotConfig, settings: SelfCollisionSettings | None = None) -> None:
         self.settings = settings = settings or load_self_collision(robot)
         model = RobotModel(robot)
         self._pin, self._data = model.pin, model.data
-        self._capsules = CapsuleDistances(model, settings, margin=settings.interaction_distance)
-        self._close = CapsuleDistances(model, settings, margin=settings.security_distance)
+        self._capsules = CapsuleDistances(model, settings)
+        self._displaced, self._still = np.zeros(model.pin.nq), np.zeros(model.nv)
+        self._on_path = _on_path.load()
         self._names = tuple(f"{self.name} {pair}" for pair in self._capsules.names)
         self._limit = np.full(len(self._names), settings.security_distance)
         self._prepared: BrakingLimits | None = None
@@ -73,16 +92,20 @@ class SelfCollision(Constraint):
         """Check that all pairs keep the security distance until rest, after a cycle with (20,) accelerations."""
         if braking_limits is not self._prepared:
             self._prepare(braking_limits)
-        rest = self._rest
+        rest, capsules, settings = self._rest, self._capsules, self.settings
         rest.update(model.v)
-        if not self._near(self._capsules, model.q, rest.distance + rest.gain * acceleration):
+        self._go(rest, model.q, acceleration)
+        if not capsules.any_near(settings.interaction_distance):
             if not self._monitored_cycles:
                 return True
             self._monitored_cycles -= 1
         else:
             self._monitored_cycles = MONITORED_CYCLES
-        for place in self._places(model, braking_limits):
-            if self._near(self._close, model.q, place.distance + place.gain * acceleration):
+            if capsules.any_near(settings.security_distance):
+                return False
+        for place in self._before_rest(model, braking_limits):
+            self._go(place, model.q, acceleration)
+            if capsules.any_near(settings.security_distance):
                 return False
         return True
 
@@ -94,27 +117,25 @@ class SelfCollision(Constraint):
             self._prepare(braking_limits)
         self._rest.update(model.v)
         limit = self._limit_now(model, braking_limits.dt)
-        parts = [
-            self._rows_at(place, model.q, limit) for place in self._places(model, braking_limits)
-        ]
+        places = (self._rest, *self._before_rest(model, braking_limits))
+        parts = [self._rows_at(place, model.q, limit) for place in places]
         found = [part for part in parts if part is not None]
         return stack(found) if found else None
 
-    def _places(self, model: RobotModel, braking_limits: BrakingLimits) -> list[BrakingPath]:
-        """Return the checked points of the path to rest: its end, and those before it."""
-        places, max_time = [self._rest], self._rest.max_time
+    def _before_rest(
+        self, model: RobotModel, braking_limits: BrakingLimits
+    ) -> Iterator[BrakingPath]:
+        """Yield the checked points of the path to rest before its end."""
+        max_time = self._rest.max_time
         for cycles, place in self._braking_points:
             if max_time > cycles * braking_limits.dt:  # else the robot is at rest by then
                 place.update(model.v)
-                places.append(place)
-        return places
+                yield place
 
-    def _near(self, capsules: CapsuleDistances, q: FloatArray, displacement: FloatArray) -> bool:
-        """Return True if any pair is nearer than the margin of the capsules after a (20,) displacement from ``q``."""
-        data = self._data
-        pin.forwardKinematics(self._pin, data, pin.integrate(self._pin, q, displacement))
-        capsules.place(data)
-        return capsules.any_near()
+    def _go(self, place: BrakingPath, q: FloatArray, acceleration: FloatArray) -> None:
+        """Place the capsules at a point of the path to rest, after a cycle with (20,) accelerations."""
+        self._on_path(q, place.distance, place.gain, acceleration, self._displaced)
+        self._capsules.place(self._displaced)
 
     def _prepare(self, braking_limits: BrakingLimits) -> None:
         brake, dt = braking_limits.brake, braking_limits.dt
@@ -129,11 +150,11 @@ class SelfCollision(Constraint):
 
     def _limit_now(self, model: RobotModel, dt: float) -> FloatArray:
         """Return the (pairs,) least distances [m]: smaller than the security distance for pairs that start nearer."""
-        close, settings = self._close, self.settings
-        close.place(model.data)
-        if not close.any_near():
+        capsules, settings = self._capsules, self.settings
+        capsules.place(model.q)
+        if not capsules.any_near(settings.security_distance):
             return self._limit
-        recovered = np.array(close.distances()) + settings.recovery_speed * dt
+        recovered = capsules.distances() + settings.recovery_speed * dt
         return np.minimum(recovered, settings.security_distance)
 
     def _rows_at(
@@ -141,15 +162,15 @@ class SelfCollision(Constraint):
     ) -> LinearInequality | None:
         """Return rows for one point of the path, without those that no acceleration within its limits violates."""
         capsules, data, gain = self._capsules, self._data, place.gain
-        pin.computeJointJacobians(self._pin, data, pin.integrate(self._pin, q, place.distance))
-        capsules.place(data)
-        if not capsules.any_near():
+        self._go(place, q, self._still)
+        if not capsules.any_near(self.settings.interaction_distance):
             return None
         room = capsules.distances() - limit
         near = np.flatnonzero(room < self._reach @ gain)
         if not len(near):
             return None
-        matrix = capsules.wrenches(near.tolist()) @ data.J
+        pin.computeJointJacobians(self._pin, data, self._displaced)
+        matrix = capsules.wrenches(near) @ data.J
         matrix *= capsules.signs[near]
         matrix *= -gain
         size, room = np.abs(matrix), room[near]

@@ -10,17 +10,34 @@ import daqp
 import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.kernels import Out, kernel
 from pepper_driver.controller.solvers.solver import (
     NO_BOUNDS,
     NO_ROWS,
     UNBOUNDED,
     Solution,
-    checked,
+    SolutionCheck,
 )
 
 SOLVED = 1
 INFEASIBLE = -1
 """DAQP's exit flags."""
+
+
+@kernel
+def _append(
+    lower: FloatArray,
+    upper: FloatArray,
+    bound: FloatArray,
+    low: Out[FloatArray],
+    high: Out[FloatArray],
+) -> None:
+    """Write the bounds of the variables, then those of the rows, which have none below."""
+    n = len(lower)
+    for i in range(n):
+        low[i], high[i] = lower[i], np.minimum(upper[i], UNBOUNDED)
+    for row in range(len(bound)):
+        low[n + row], high[n + row] = -UNBOUNDED, np.minimum(bound[row], UNBOUNDED)
 
 
 class DaqpSolver:
@@ -29,7 +46,8 @@ class DaqpSolver:
     name = "daqp"
 
     def __init__(self) -> None:
-        self._no_rows = NO_ROWS
+        self._no_rows, self._check = NO_ROWS, SolutionCheck()
+        self._append = _append.load()
 
     def _none(self, n: int) -> FloatArray:
         """Return (0, n) rows: DAQP takes the number of variables from them."""
@@ -47,17 +65,17 @@ class DaqpSolver:
         h: FloatArray = NO_BOUNDS,
     ) -> Solution:
         """Solve one problem; see :class:`Solver`."""
-        m = len(h)
+        n, m = len(g), len(h)
         low, high = lower, upper
         if not m:
-            G = self._none(len(g))
+            G = self._none(n)
         else:
-            low = np.concatenate([lower, np.full(m, -UNBOUNDED)])
-            high = np.minimum(np.concatenate([upper, h]), UNBOUNDED)
+            low, high = np.empty(n + m), np.empty(n + m)
+            self._append(lower, upper, h, low, high)
         try:
             x, _, flag, _ = daqp.solve(H, g, G, high, low)
         except (ValueError, TypeError, RuntimeError):
             return Solution(np.zeros(len(g)), "failed")
         if flag == SOLVED:
-            return checked(x, lower, upper, G, h)
+            return self._check.check(x, lower, upper, G, h)
         return Solution(np.zeros(len(g)), "infeasible" if flag == INFEASIBLE else "failed")

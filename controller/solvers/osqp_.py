@@ -17,7 +17,7 @@ from pepper_driver.controller.solvers.solver import (
     NO_ROWS,
     UNBOUNDED,
     Solution,
-    checked,
+    SolutionCheck,
 )
 
 SOLVER_TOLERANCE = 1e-10
@@ -38,7 +38,7 @@ class OsqpSolver:
     name = "osqp"
 
     def __init__(self) -> None:
-        self._shape = (-1, -1)
+        self._shape, self._check = (-1, -1), SolutionCheck()
 
     def solve(
         self,
@@ -86,7 +86,7 @@ class OsqpSolver:
             if status == osqp.SolverStatus.OSQP_PRIMAL_INFEASIBLE:
                 return Solution(np.zeros(n), "infeasible")
             if status == osqp.SolverStatus.OSQP_SOLVED:
-                solution = checked(unit * result.x, lower, upper, G, h)
+                solution = self._check.check(unit * result.x, lower, upper, G, h)
         except (ValueError, TypeError, RuntimeError, osqp.OSQPException):
             pass
         if solution.status == "failed":

@@ -8,14 +8,14 @@ import numpy as np
 import qpsolvers
 
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.controller.solvers.solver import NO_BOUNDS, NO_ROWS, Solution, checked
+from pepper_driver.controller.solvers.solver import NO_BOUNDS, NO_ROWS, Solution, SolutionCheck
 
 
 class QpsolversSolver:
     """Solver of ``qpsolvers.available_solvers``, set up again in every call."""
 
     def __init__(self, name: str) -> None:
-        self.name = name
+        self.name, self._check = name, SolutionCheck()
 
     def solve(
         self,
@@ -37,4 +37,4 @@ class QpsolversSolver:
             return Solution(np.zeros(len(g)), "failed")
         if not solution.found or solution.x is None:
             return Solution(np.zeros(len(g)), "infeasible")
-        return checked(solution.x, lower, upper, G, h)
+        return self._check.check(solution.x, lower, upper, G, h)

@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple, Protocol
 import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.kernels import Matrix, Out, kernel
 
 Status = Literal["solved", "infeasible", "failed"]
 
@@ -41,19 +42,53 @@ class Solver(Protocol):
         G: FloatArray = NO_ROWS,
         h: FloatArray = NO_BOUNDS,
     ) -> Solution:
-        """Solve one problem; (n, n), (n,), (n,), (n,), (m, n), (m,). H is symmetric and positive definite."""
+        """Solve one problem; (n, n), (n,), (n,), (n,), (m, n), (m,). H is symmetric and positive definite.
+
+        The arrays are contiguous.
+        """
 
 
-def checked(
-    x: FloatArray, lower: FloatArray, upper: FloatArray, matrix: FloatArray, bound: FloatArray
-) -> Solution:
-    """Return ``x`` clipped to its bounds if it satisfies bounds and rows within the tolerance; a failure otherwise.
+@kernel
+def _inside(
+    x: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    matrix: Matrix[FloatArray],
+    bound: FloatArray,
+    clipped: Out[FloatArray],
+) -> bool:
+    """Write x clipped to its bounds; return True if it satisfies bounds and rows within the tolerance."""
+    off, largest = 0.0, 0.0
+    for i in range(len(x)):
+        clipped[i] = np.minimum(np.maximum(x[i], lower[i]), upper[i])
+        off += (clipped[i] - x[i]) ** 2
+        largest = max(largest, abs(x[i]))
+    if not off <= BOUND_TOLERANCE**2:  # also for NaN
+        return False
+    for row in range(len(bound)):
+        value = 0.0
+        for i in range(len(x)):
+            value += matrix[row, i] * x[i]
+        if not value - bound[row] <= BOUND_TOLERANCE * (1.0 + largest):
+            return False
+    return True
 
-    Solvers have returned infeasible points as solved.
-    """
-    inside = np.minimum(np.maximum(x, lower), upper)
-    off = inside - x
-    ok = off.dot(off) <= BOUND_TOLERANCE**2  # False for NaN
-    if ok and len(bound):
-        ok = bool((matrix @ x - bound).max() <= BOUND_TOLERANCE * (1.0 + np.abs(x).max()))
-    return Solution(inside, "solved") if ok else Solution(x, "failed")
+
+class SolutionCheck:
+    """Check of what a solver returns as solved: solvers have returned infeasible points."""
+
+    def __init__(self) -> None:
+        self._inside = _inside.load()
+
+    def check(
+        self,
+        x: FloatArray,
+        lower: FloatArray,
+        upper: FloatArray,
+        matrix: FloatArray,
+        bound: FloatArray,
+    ) -> Solution:
+        """Return ``x`` clipped to its bounds if it satisfies bounds and rows within the tolerance; else a failure."""
+        clipped = np.empty_like(x)
+        ok = self._inside(x, lower, upper, matrix, bound, clipped)
+        return Solution(clipped, "solved") if ok else Solution(x, "failed")

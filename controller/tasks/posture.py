@@ -137,8 +137,9 @@ class PostureTask(Task):
 
     def superpose(self, motion: Superposition | None) -> None:
         """Add a motion of all joints of the robot to targets and reference motion for one cycle; None removes it."""
-        self._superposed = motion
-        self._update_has_reference()
+        before, self._superposed = self._superposed, motion
+        if (before is None) is not (motion is None):
+            self._update_has_reference()
 
     def _update_has_reference(self) -> None:
         super()._update_has_reference()
@@ -146,16 +147,18 @@ class PostureTask(Task):
 
     def compute(self, model: RobotModel, rows: TaskRows) -> None:
         """Compute the error: target minus position [rad]; a superposed motion is part of the target."""
-        np.subtract(self._target, model.joint_position[self._indices], rows.error)
+        error = rows.error
+        np.subtract(self._target, model.joint_position[self._indices], error)
         if self._superposed is not None:
-            rows.error += self._superposed.position[self._indices]
+            error += self._superposed.position[self._indices]
 
     def add_feedforward(self, rows: TaskRows) -> None:
         """Add the reference motion and the superposed one."""
         super().add_feedforward(rows)
         if self._superposed is not None:
-            rows.requested += self._damping * self._superposed.velocity[self._indices]
-            rows.requested += self._superposed.acceleration[self._indices]
+            requested = rows.requested
+            requested += self._damping * self._superposed.velocity[self._indices]
+            requested += self._superposed.acceleration[self._indices]
 
     def _relative_rate(self) -> FloatArray:
         if self._superposed is None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from pepper_driver.config import RobotConfig, UnknownNameError
 from pepper_driver.config.arguments import as_tuple, is_number, real_array
@@ -100,7 +100,7 @@ def checked_rotation(what: str, value: Target) -> FloatArray:
             raise TargetError(
                 f"{what} takes a unit quaternion (x, y, z, w), got one of norm {norm:.4g}"
             )
-        matrix: FloatArray = Rotation.from_quat(array).as_matrix()
+        matrix: FloatArray = pin.Quaternion(array / norm).matrix()
         return matrix
     if array.shape == (3, 3):
         off = float(np.abs(array @ array.T - np.eye(3)).max())
@@ -109,7 +109,8 @@ def checked_rotation(what: str, value: Target) -> FloatArray:
                 f"{what} takes a rotation matrix, got one that is not orthonormal (off by {off:.2g})"
             )
         # Orthonormal to rounding again: the tolerance above would show as an error that never ends.
-        matrix = Rotation.from_matrix(array).as_matrix()
+        left, _, right = np.linalg.svd(array)
+        matrix = left @ right
         return matrix
     raise TargetError(
         f"{what} takes a (3, 3) rotation matrix or a unit quaternion (x, y, z, w), got shape {array.shape}"

@@ -455,10 +455,11 @@ class Task(GainsMixin, ABC):
     def add_feedforward(self, rows: TaskRows) -> None:
         """Add the reference motion to ``rows.requested``, which has the feedback already."""
         velocity, acceleration = self._reference_velocity, self._reference_acceleration
+        requested = rows.requested
         if velocity is not None:
-            rows.requested += self._damping * velocity
+            requested += self._damping * velocity
         if acceleration is not None:
-            rows.requested += acceleration
+            requested += acceleration
 
 
 class TaskRows:

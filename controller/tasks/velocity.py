@@ -131,6 +131,8 @@ class MomentumTask(LagTask):
         UnknownNameError: No such joint.
     """
 
+    needs_kinematics = False
+
     def __init__(
         self,
         *,

@@ -96,14 +96,12 @@ class _Room:
 
     def __init__(self, robot: RobotConfig, distance: float) -> None:
         self._model = RobotModel(robot)
-        self._capsules = CapsuleDistances(self._model, load_self_collision(robot), distance)
+        self._capsules = CapsuleDistances(self._model, load_self_collision(robot))
+        self._distance = distance
 
     def is_free(self, posture: FloatArray) -> bool:
-        model = self._model
-        model.set_state(model.configuration(posture), np.zeros(model.nv))
-        model.update_kinematics()
-        self._capsules.place(model.data)
-        return not self._capsules.any_near()
+        self._capsules.place(self._model.configuration(posture))
+        return not self._capsules.any_near(self._distance)
 
 
 REST = 0.25

@@ -25,8 +25,7 @@ class PostureCheck:
     @cached_property
     def _capsules(self) -> tuple[RobotModel, CapsuleDistances]:
         model = RobotModel(self._robot)
-        margin = self._settings.security_distance
-        return model, CapsuleDistances(model, self._settings, margin=margin)
+        return model, CapsuleDistances(model, self._settings)
 
     def problem(self, posture: FloatArray) -> str:
         """Describe why the robot cannot take a posture (17,) [rad]; empty where it can."""
@@ -56,9 +55,7 @@ class PostureCheck:
         if not np.isfinite(posture).all():
             return ""
         (model, capsules), least = self._capsules, self._settings.security_distance
-        model.set_state(model.configuration(posture), np.zeros(model.nv))
-        model.update_kinematics()
-        capsules.place(model.data)
+        capsules.place(model.configuration(posture))
         distances = capsules.distances()
         nearest = int(distances.argmin())
         if (distance := distances[nearest]) >= least:

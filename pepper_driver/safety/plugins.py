@@ -34,6 +34,7 @@ from pepper_driver.controller import (
     Tick,
     WholeBodyController,
 )
+from pepper_driver.controller.constraints.constraint import RowCheck
 from pepper_driver.controller.tasks.targets import finite_vector
 from pepper_driver.observer import Contact, JointState, Observation, Observer
 from pepper_driver.observer.detection.body_isolation import BASE_LINK, TRUNK_LINK
@@ -188,7 +189,7 @@ def _evaluate_constraint(constraint: Constraint, model: RobotModel) -> None:
         if np.shape(array) != shape or not isinstance(array, np.ndarray):
             text = f"with {count} names {name} is {_text(shape)}, got {_shape(array)}"
             raise _defect(constraint, "compute_inequality", text)
-    if not found.usable(model.nv):
+    if RowCheck(model.nv).plain(found) is None:
         raise _defect(constraint, "compute_inequality", "matrix or bound holds what is no number")
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from pepper_driver.config import UnknownNameError
@@ -246,6 +247,53 @@ def test_frames_of_a_moving_robot_agree_with_differences(link: str) -> None:
     bias = model.bias(frame)
     np.testing.assert_allclose(velocity[:3], (after[0] - before[0]) / (2 * step), atol=1e-7)
     np.testing.assert_allclose(bias, (after[1] - before[1]) / (2 * step), atol=1e-6)
+
+
+def test_results_are_those_of_the_stored_state_in_any_order() -> None:
+    """They are computed once for each state: the next state must not get those of the one before."""
+    model, random = RobotModel(ROBOT), np.random.default_rng(10)
+    frame = model.body_frame("r_wrist")
+    for _ in range(3):
+        fresh = RobotModel(ROBOT)
+        q, v = model.configuration(random_posture(random)), random.uniform(-1.0, 1.0, 20)
+        fresh.set_state(q, v)
+        fresh.update_kinematics()
+        expected = fresh.jacobian(frame), fresh.bias(frame), *fresh.com()
+        model.set_state(q, v)
+        momenta = [part.copy() for part in model.centroidal_momentum()]
+        model.update_kinematics()
+        found = model.jacobian(frame), model.bias(frame), *model.com()
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_allclose(one, other, atol=1e-12)
+        for one, other in zip(momenta, model.centroidal_momentum(), strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_momentum_is_not_lost_to_other_algorithms_on_the_same_data() -> None:
+    """Plugins call Pinocchio on ``model.data``, some of whose algorithms use its arrays for results of their own."""
+    model, random = RobotModel(ROBOT), np.random.default_rng(12)
+    q, v = model.configuration(random_posture(random)), random.uniform(-1.0, 1.0, 20)
+    model.set_state(q, v)
+    model.update_kinematics()
+    before = [part.copy() for part in (*model.centroidal_momentum(), model.centre_of_mass)]
+    pin.computeAllTerms(model.pin, model.data, pin.neutral(model.pin), np.ones(20))
+    pin.crba(model.pin, model.data, q)
+    after = (*model.centroidal_momentum(), model.centre_of_mass)
+    for one, other in zip(before, after, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_momentum_is_that_of_pinocchios_other_algorithm() -> None:
+    model, random = RobotModel(ROBOT), np.random.default_rng(11)
+    q, v = model.configuration(random_posture(random)), random.uniform(-1.0, 1.0, 20)
+    model.set_state(q, v)
+    matrix, momentum, rate = model.centroidal_momentum()
+    data = model.pin.createData()
+    change = pin.dccrba(model.pin, data, q, v)
+    np.testing.assert_allclose(matrix, data.Ag, atol=1e-12)
+    np.testing.assert_allclose(momentum, data.Ag @ v, atol=1e-12)
+    np.testing.assert_allclose(rate, change @ v, atol=1e-12)
+    np.testing.assert_allclose(model.centre_of_mass, pin.centerOfMass(model.pin, data, q))
 
 
 def test_questions_about_other_postures_leave_the_stored_state_alone() -> None:

@@ -189,6 +189,33 @@ def test_a_row_is_kept_and_touches_only_its_joint(solver: str) -> None:
     assert np.abs(control.step().acceleration[joint]) > 1
 
 
+@pytest.mark.parametrize("solver", ["daqp", "osqp"])
+@pytest.mark.parametrize("layout", ["whole numbers", "by columns", "every second", "read-only"])
+def test_rows_of_a_user_may_be_of_any_layout(solver: str, layout: str) -> None:
+    matrix = np.concatenate([row("LShoulderPitch"), row("HeadYaw")])
+    plain, bound = FixedRows(matrix, np.array([1.0, 2.0])), np.array([1.0, 2.0])
+    if layout == "whole numbers":
+        rows = FixedRows(matrix.astype(np.int64), bound.astype(np.int32))
+    elif layout == "by columns":
+        rows = FixedRows(np.asfortranarray(matrix), bound)
+    elif layout == "every second":
+        rows = FixedRows(np.repeat(matrix, 2, axis=1)[:, ::2], np.repeat(bound, 2)[::2])
+    else:
+        matrix, bound = matrix.copy(), bound.copy()
+        matrix.flags.writeable = bound.flags.writeable = False
+        rows = FixedRows(matrix, bound)
+    control, expected = controller(solver), controller(solver)
+    control.add(rows)
+    expected.add(plain)
+    for each in (control, expected):
+        each.posture.target = ROBOT.upper
+    for _ in range(30):
+        found = control.step().acceleration
+        np.testing.assert_array_equal(found, expected.step().acceleration)
+        assert control.status.solver == "solved"
+    assert control.status.active == expected.status.active
+
+
 def test_a_row_that_couples_joints_shares_by_weight() -> None:
     """qdd_a + qdd_b <= 0 with equal wishes w: by symmetry both stay where they are."""
     control = controller()

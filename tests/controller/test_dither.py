@@ -292,12 +292,11 @@ def test_it_keeps_the_distance_from_the_robot_itself() -> None:
         control.posture.target = posture
         steps(control, 4.0)
         control.dither.enabled = enabled
-        capsules = CapsuleDistances(control.model, parts, 0.0)
+        capsules = CapsuleDistances(control.model, parts)
         distances = []
         for _ in range(round(6.0 / DT)):
             control.step()
-            control.model.update_kinematics()
-            capsules.place(control.model.data)
+            capsules.place(control.model.q)
             distances.append(float(capsules.distances().min()))
         nearest.append(min(distances))
     assert nearest[0] < 0.012, "the constraint holds nothing back here"

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from typing import Any
+
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from pepper_driver.config.arrays import FloatArray
@@ -75,6 +80,41 @@ def test_a_spline_passes_its_points_in_time_and_without_a_jump() -> None:
     acceleration = np.diff(speed, axis=0) / step
     assert np.abs(np.diff(acceleration, axis=0)).max() < 0.02 * np.abs(acceleration).max()
     np.testing.assert_allclose(acceleration[[0, -1]], 0.0, atol=0.1)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 12, 200])
+def test_it_is_the_spline_of_scipy(count: int) -> None:
+    random = np.random.default_rng(count)
+    points, velocity = random.uniform(-1, 1, (count + 1, 4)), random.uniform(-1, 1, 4)
+    durations = random.uniform(0.2, 3.0, count)
+    knots = np.concatenate([[0.0], np.cumsum(durations)])
+    still = np.zeros(4)
+    # More general than SciPy's types.
+    ends: Any = ([(1, velocity), (2, still)], [(1, still), (2, still)])
+    expected = make_interp_spline(knots, points, k=5, bc_type=ends)
+    times = np.sort(np.concatenate([knots, random.uniform(0, knots[-1], 300)]))
+    positions, speeds = spline(points, velocity, durations.tolist())(times)
+    np.testing.assert_allclose(positions, expected(times), atol=1e-11)
+    np.testing.assert_allclose(speeds, expected.derivative()(times), atol=1e-10)
+
+
+def test_points_on_the_way_and_the_end_are_met_to_the_last_bit() -> None:
+    random = np.random.default_rng(5)
+    points, durations = random.uniform(-1, 1, (6, 3)), [0.3, 1.1, 0.7, 0.2, 0.9]
+    motion = spline(points, np.array([0.4, 0.0, -1.0]), durations)
+    positions, speeds = motion(np.cumsum(durations))
+    np.testing.assert_array_equal(positions, points[1:])
+    np.testing.assert_array_equal(speeds[-1], NO_SPEED)
+
+
+def test_the_controller_needs_none_of_scipys_slow_imports() -> None:
+    """Together they took a third of the time in which a program starts."""
+    code = (
+        "import sys; from pepper_driver import Pepper; import pepper_driver.controller;"
+        "sys.exit(any(f'scipy.{name}' in sys.modules for name in ('interpolate', 'spatial')))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("duration", [1e-3, 0.005, 0.1, 0.125, 1.0, 7.3])

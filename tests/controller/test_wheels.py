@@ -52,6 +52,21 @@ def test_odometry_follows_a_constant_twist_along_its_arc(turn: float) -> None:
     np.testing.assert_allclose(odometry.twist, [vx, vy, turn], atol=1e-6)
 
 
+def test_wheel_speeds_may_be_of_any_layout() -> None:
+    """As a backend of a user may have them: single precision, every second of six, not to be written to."""
+    speeds = MATRIX @ [0.3, 0.1, 0.2]
+    expected = Odometry(ROBOT)
+    expected.update(speeds, DT)
+    spread = np.repeat(speeds, 2)[::2]
+    spread.flags.writeable = False
+    odometry = Odometry(ROBOT)
+    odometry.update(spread, DT)
+    np.testing.assert_array_equal(odometry.pose, expected.pose)
+    odometry = Odometry(ROBOT)
+    odometry.update(speeds.astype(np.float32), DT)
+    np.testing.assert_allclose(odometry.pose, expected.pose, atol=1e-8)
+
+
 def test_odometry_starts_again_at_the_origin() -> None:
     odometry = Odometry(ROBOT)
     odometry.update(MATRIX @ [0.3, 0.0, 0.2], DT)

@@ -28,12 +28,12 @@ class Ruler:
 
     def __init__(self) -> None:
         self.model = RobotModel(ROBOT)
-        self.capsules = CapsuleDistances(self.model, SETTINGS, 0.0)
+        self.capsules = CapsuleDistances(self.model, SETTINGS)
 
     def __call__(self, q: FloatArray) -> FloatArray:
         pin.computeJointJacobians(self.model.pin, self.model.data, q)
-        self.capsules.place(self.model.data)
-        return self.capsules.distances()
+        self.capsules.place(q)
+        return self.capsules.distances().copy()
 
 
 def braked(q: FloatArray, v: FloatArray, a: FloatArray, brake: FloatArray) -> list[FloatArray]:

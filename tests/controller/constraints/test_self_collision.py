@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.util import module_from_spec, spec_from_file_location
 from math import inf
 from typing import Any
 
+import coal
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.optimize import minimize
 
+from pepper_driver.config import Capsule
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import PositionTask, RobotModel, WholeBodyController
+from pepper_driver.controller.collision import CapsuleDistances
 from pepper_driver.controller.constraints import BrakingLimits, SelfCollision
 from pepper_driver.controller.constraints.braking import BrakingPath
+from pepper_driver.controller.model import BodyFrame
 from support import ROOT
 from support.controller import DT, ROBOT, FixedRows, random_posture
 from support.self_collision import SECURITY, SETTINGS, Ruler, braked, limits
@@ -45,6 +51,65 @@ def segment_distance(one: FloatArray, other: FloatArray) -> float:
 
 
 # -- geometry ---------------------------------------------------------------------------------------------------
+
+
+def test_distances_and_normals_are_those_of_coal() -> None:
+    """Also where axes are parallel and many pairs of points are nearest: at 0 of all joints, and mirrored."""
+    random, ruler = np.random.default_rng(9), Ruler()
+    model = ruler.model
+    for number in range(60):
+        position = np.zeros(17) if number == 0 else random_posture(random)
+        position[random.integers(0, 17, number % 17)] = 0.0
+        q = model.with_base_pose(model.configuration(position), random.uniform(-2, 2, 3))
+        distances, wrenches = ruler(q), ruler.capsules.wrenches(range(len(ruler.capsules.names)))
+        pin.forwardKinematics(model.pin, model.data, q)
+        placed = {
+            link: [
+                (coal_capsule(capsule), model.pose(capsule_frame(model, link, capsule)))
+                for capsule in capsules
+            ]
+            for link, capsules in SETTINGS.capsules.items()
+        }
+        pairs = [(a, b) for one, two in SETTINGS.pairs for a in placed[one] for b in placed[two]]
+        request, result = coal.DistanceRequest(True, True), coal.DistanceResult()
+        for n, ((first, here), (second, there)) in enumerate(pairs):
+            result.clear()
+            places = [coal.Transform3s(at.rotation, at.translation) for at in (here, there)]
+            coal.distance(first, places[0], second, places[1], request, result)
+            moment = np.cross(result.getNearestPoint1(), result.normal)
+            np.testing.assert_allclose(distances[n], result.min_distance, atol=1e-12)
+            expected = np.concatenate([result.normal, moment])
+            np.testing.assert_allclose(wrenches[n], expected, atol=1e-9)
+        for margin in (0.0, 0.01, 0.06):
+            assert ruler.capsules.any_near(margin) == (distances.min() <= margin)
+
+
+def coal_capsule(capsule: Capsule) -> Any:
+    length = float(np.linalg.norm(np.subtract(capsule.end, capsule.start)))
+    return coal.Capsule(capsule.radius, length)
+
+
+def capsule_frame(model: RobotModel, link: str, capsule: Capsule) -> BodyFrame:
+    """Frame in the middle of a capsule, with the third axis along it."""
+    along = np.subtract(capsule.end, capsule.start)
+    axis = along if along.any() else np.array([0.0, 0.0, 1.0])
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).matrix()
+    return model.body_frame(link, np.add(capsule.start, capsule.end) / 2, turn)
+
+
+def test_axes_that_meet_give_no_direction() -> None:
+    """Two equal capsules on one link: nothing can be said, and nothing is not a number."""
+    same = Capsule(start=(0.0, 0.0, 0.0), end=(0.1, 0.0, 0.0), radius=0.05)
+    parts: dict[str, tuple[Capsule, ...]] = {
+        "LForeArm": (same,),
+        "l_wrist": (same,),
+        "LBicep": (same,),
+    }
+    settings = replace(SETTINGS, capsules=parts, pairs=(("LForeArm", "LForeArm"),))
+    capsules = CapsuleDistances(RobotModel(ROBOT), settings)
+    capsules.place(RobotModel(ROBOT).configuration(np.zeros(17)))
+    assert capsules.distances().tolist() == [-0.1]
+    assert not capsules.wrenches([0]).any()
 
 
 def test_distances_are_those_of_the_axes_minus_the_radii() -> None:

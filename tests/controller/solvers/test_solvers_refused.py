@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pepper_driver.controller.solvers import make_solver
-from pepper_driver.controller.solvers.solver import checked
+from pepper_driver.controller.solvers.solver import SolutionCheck
 from support.solvers import SOLVERS, Problem, assert_recovers, good_problem
 
 
@@ -105,6 +105,7 @@ def test_osqp_does_not_go_on_with_the_last_cost_when_one_is_not_convex(
 
 def test_a_point_outside_called_solved_has_failed() -> None:
     lower, upper, rows, bound = -np.ones(2), np.ones(2), np.array([[1.0, 1.0]]), np.array([1.0])
+    checked = SolutionCheck().check
     none = np.zeros((0, 2)), np.zeros(0)
     assert checked(np.array([0.0, 1.1]), lower, upper, *none).status == "failed"
     assert checked(np.array([0.0, np.nan]), lower, upper, *none).status == "failed"

@@ -73,11 +73,9 @@ def test_goals_are_within_the_limits_from_any_posture_and_legs_stand(shares: lis
 def test_arms_keep_their_distance_from_the_body(posture: str) -> None:
     goals = plan_goals(np.clip(ROBOT.posture(posture), ROBOT.lower, ROBOT.upper), ROBOT, SETTINGS)
     model = RobotModel(ROBOT)
-    capsules = CapsuleDistances(model, load_self_collision(ROBOT), 0.0)
+    capsules = CapsuleDistances(model, load_self_collision(ROBOT))
     for goal in goals[:-1]:
-        model.set_state(model.configuration(goal), np.zeros(model.nv))
-        model.update_kinematics()
-        capsules.place(model.data)
+        capsules.place(model.configuration(goal))
         assert capsules.distances().min() >= SETTINGS.clearance
 
 
