@@ -15,6 +15,7 @@ import stat
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from types import FunctionType
@@ -140,8 +141,7 @@ class Kernel(Generic[P, R]):
         """Return a hash of all that the compiled code follows from: texts, constants, types, checks of bounds."""
         from numba.core import config
 
-        text = Path(self._function.__code__.co_filename).read_text(encoding="utf-8")
-        parts = [text, f"{config.BOUNDSCHECK=}"]  # type: ignore[attr-defined]
+        parts = [_text(self._function.__code__.co_filename), f"{config.BOUNDSCHECK=}"]  # type: ignore[attr-defined]
         for name, value in self._globals().items():
             if isinstance(value, Kernel):
                 parts.append(value.key())
@@ -159,28 +159,35 @@ class Kernel(Generic[P, R]):
         hints.pop("return")
         return tuple(_numba_type(self.name, hint) for hint in hints.values())
 
-    def _compile(self) -> Callable[P, R]:
-        from numba.core import config
-
-        # Kernels that it calls are compiled first, and become part of it.
+    def _linked(self) -> Callable[P, R]:
+        """Return the function with the compiled kernels that it calls, which become part of it."""
         function = self._function
         scope = {k: v.load() if isinstance(v, Kernel) else v for k, v in self._globals().items()}
         linked = FunctionType(
             function.__code__, {**function.__globals__, **scope}, function.__name__
         )
         linked.__module__, linked.__qualname__ = function.__module__, function.__qualname__
+        return cast(Callable[P, R], linked)
+
+    def _compile(self) -> Callable[P, R]:
+        from numba.core import config
+
         signature, folder = self._signature(), cache_folder()
         if folder is None:
             _announce()
-            return _jit(linked, signature, keep=False)
+            return _jit(self._linked(), signature, keep=False)
         own = folder / f"{self.name}-{self.key()}"
         settings = cast(Any, config)
         before, settings.CACHE_DIR = settings.CACHE_DIR, str(own)
         try:
-            compiled = _jit(linked, signature, keep=True)
+            compiled = None
+            if own.is_dir():
+                with suppress(Exception):  # code from the cache needs no other kernels
+                    compiled = _jit(cast(Callable[P, R], self._function), signature, keep=True)
+            compiled = compiled or _jit(self._linked(), signature, keep=True)
         except Exception as error:
             # A full disk, a file that was cut short: the kernel is needed all the same.
-            compiled = _jit(linked, signature, keep=False)
+            compiled = _jit(self._linked(), signature, keep=False)
             logger.warning(
                 "%s: a kernel in it cannot be kept or read (%s); remove it", own, reason(error)
             )
@@ -236,6 +243,11 @@ def _numba_type(name: str, hint: Any) -> Any:  # noqa: ANN401 an annotation can 
     axes = 3 if _BLOCK in marks else 2 if _MATRIX in marks else 1
     layout = "A" if _STRIDED in marks else "C"
     return cast(Any, numba.types.Array)(element, axes, layout, readonly=_OUT not in marks)
+
+
+@cache
+def _text(file: str) -> str:
+    return Path(file).read_text(encoding="utf-8")
 
 
 @cache
