@@ -23,7 +23,7 @@ from urllib.parse import urlsplit
 
 from joblib.parallel import ParallelBackendBase, SequentialBackend
 
-from pepper_driver.config.errors import ConfigError, MissingExtraError, PepperError, reason, shown
+from pepper_driver.config.errors import ConfigError, MissingExtraError, PepperError, reason, shown, short_reason
 from pepper_driver.config.passwords import without_secrets
 
 T = TypeVar("T")
@@ -225,7 +225,7 @@ def connected(
         try:
             client = Client(address, timeout=CONNECT_TIME, set_as_default=False)
         except Exception as error:
-            raise ClusterError(f"cluster {address}: {_why(error)}") from error
+            raise ClusterError(f"cluster {address}: {_why(address, error)}") from error
         try:
             _wait_for_workers(client, address, waiting)
             yield Cluster(address=address, client=client, workers=_checked(client, address))
@@ -272,7 +272,7 @@ def _probe(address: str) -> None:
 
         arguments = Security().get_connection_args("client")
         async with rpc(address, timeout=CONNECT_TIME, connection_args=arguments) as scheduler:
-            return dict(await scheduler.identity(n_workers=0))
+            return dict(await scheduler.identity())
 
     async def in_time() -> Mapping[str, Any]:
         return await asyncio.wait_for(identity(), CONNECT_TIME)
@@ -280,20 +280,20 @@ def _probe(address: str) -> None:
     try:
         kind = asyncio.run(in_time())["type"]
     except Exception as error:  # what decodes the bytes of other programs raises anything
-        raise ClusterError(f"cluster {address}: {_why(error)}") from error
+        raise ClusterError(f"cluster {address}: {_why(address, error)}") from error
     if kind != "Scheduler":
         raise ClusterError(
             f"cluster {address}: this is a {str(kind).lower()}; give the address of the scheduler"
         )
 
 
-def _why(error: Exception) -> str:
-    if isinstance(error, TypeError | FileNotFoundError) or "ssl" in type(error).__name__.lower():
+def _why(address: str, error: Exception) -> str:
+    if address.startswith("tls"):
         return (
-            "tls:// needs certificates in the settings of Dask, distributed.comm.tls "
-            f"({' '.join(str(error).split())}; docs/cluster.md)"
+            "no scheduler there that trusts this machine and is trusted by it; tls:// needs certificates in the "
+            f"settings of Dask, distributed.comm.tls ({short_reason(error)}; docs/cluster.md)"
         )
-    return "something answers there, but no Dask scheduler of this version and with tcp:// or tls:// as given"
+    return "something answers there, but no Dask scheduler of this version without tls://"
 
 
 def _wait_for_workers(

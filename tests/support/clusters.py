@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -37,14 +38,9 @@ class DaskCluster:
         self.scheduler = self._start(
             "scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)
         )
-        assert wait_until(file.exists, START_TIME)
-        from distributed import Client
-
-        address = next(
-            line for line in file.read_text().splitlines() if '"address"' in line
-        ).split('"')[3]
-        self.address = address
-        self._client: Any = Client(address, timeout=START_TIME, set_as_default=False)
+        # Its last letter, which it is written with.
+        assert wait_until(lambda: file.exists() and file.read_text().endswith("}"), START_TIME)
+        self.address: str = json.loads(file.read_text())["address"]
         for _ in range(workers):
             self.add_worker(wait=False)
         self.wait_for(workers)
@@ -76,12 +72,19 @@ class DaskCluster:
     @property
     def count(self) -> int:
         """Workers that are there."""
-        return len(self._client.scheduler_info(n_workers=-1)["workers"])
+        with self._client() as client:
+            return int(client.scheduler_info()["n_workers"])
 
     @property
     def tasks(self) -> int:
         """Jobs that the scheduler knows of."""
-        return int(self._client.run_on_scheduler(_count_tasks))
+        with self._client() as client:
+            return int(client.run_on_scheduler(_count_tasks))
+
+    def _client(self) -> Any:
+        from distributed import Client
+
+        return Client(self.address, timeout=START_TIME, set_as_default=False)
 
     def wait_for(self, count: int) -> None:
         """Wait until that many workers are there."""
@@ -119,7 +122,6 @@ class DaskCluster:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self._client.close(timeout=1)
         for process in self._processes:
             process.kill()
             process.wait()
