@@ -11,7 +11,7 @@ import platform
 import socket
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache, partial
@@ -23,10 +23,20 @@ from urllib.parse import urlsplit
 
 from joblib.parallel import ParallelBackendBase, SequentialBackend
 
-from pepper_driver.config.errors import ConfigError, MissingExtraError, PepperError, reason, shown, short_reason
+from pepper_driver.config.errors import (
+    ConfigError,
+    MissingExtraError,
+    PepperError,
+    reason,
+    short_reason,
+    shown,
+)
 from pepper_driver.config.passwords import without_secrets
 
 T = TypeVar("T")
+
+DaskClient = DaskFuture = Any
+"""Of a package that may not be installed."""
 
 SCHEMES = ("tcp", "tls")
 DEFAULT_PORT = 8786
@@ -172,7 +182,7 @@ class Cluster:
     """
 
     address: str
-    client: Any = field(repr=False)
+    client: DaskClient = field(repr=False)
     workers: Mapping[str, str]
 
     def __str__(self) -> str:
@@ -297,7 +307,7 @@ def _why(address: str, error: Exception) -> str:
 
 
 def _wait_for_workers(
-    client: Any,  # noqa: ANN401 Dask may not be installed
+    client: DaskClient,
     address: str,
     waiting: Callable[[str], None],
 ) -> None:
@@ -313,7 +323,7 @@ def _wait_for_workers(
         ) from error
 
 
-def _checked(client: Any, address: str) -> dict[str, str]:  # noqa: ANN401 Dask may not be installed
+def _checked(client: DaskClient, address: str) -> dict[str, str]:
     """Return the workers by their address; all have one thread and the same versions as this process."""
     about = client.scheduler_info(n_workers=-1)["workers"]
     names = {
@@ -347,7 +357,7 @@ def _checked(client: Any, address: str) -> dict[str, str]:  # noqa: ANN401 Dask 
     return names
 
 
-def _on_all(client: Any, function: Callable[[], T], address: str) -> dict[str, T]:  # noqa: ANN401 as above
+def _on_all(client: DaskClient, function: Callable[[], T], address: str) -> dict[str, T]:
     """Return the results of a function on each worker that is there."""
     results = _in_time(client, address, partial(client.run, function, on_error="return"))
     for worker, result in results.items():
@@ -359,20 +369,21 @@ def _on_all(client: Any, function: Callable[[], T], address: str) -> dict[str, T
     return dict(results)
 
 
-def _in_time(client: Any, address: str, call: Callable[[], Any]) -> Any:  # noqa: ANN401 as above
+def _in_time(client: DaskClient, address: str, call: Callable[[], Awaitable[T]]) -> T:
     """Call the client in its own thread, where it waits for workers, and not longer than CHECK_TIME."""
 
-    async def awaited() -> Any:  # noqa: ANN401
+    async def awaited() -> T:
         return await call()
 
     try:
-        return client.sync(awaited, callback_timeout=CHECK_TIME)
+        results: T = client.sync(awaited, callback_timeout=CHECK_TIME)
     except TimeoutError as error:
         raise ClusterError(
             f"cluster {address}: a worker does not answer; see 'dask scheduler' for which, and end it"
         ) from error
     except OSError as error:
         raise ClusterError(f"cluster {address}: the connection was lost") from error
+    return results
 
 
 @contextmanager
@@ -409,7 +420,7 @@ class ClusterBackend(ParallelBackendBase):  # type: ignore[misc]
     def __init__(self, cluster: Cluster) -> None:
         super().__init__()
         self._cluster, self._client = cluster, cluster.client
-        self._futures: set[Any] = set()
+        self._futures: set[DaskFuture] = set()
         self._problem = "the connection to the scheduler was lost"
         self._calling = False
 
@@ -430,7 +441,7 @@ class ClusterBackend(ParallelBackendBase):  # type: ignore[misc]
         """End it."""
         self._calling = False
 
-    def submit(self, func: Callable[[], Any], callback: Callable[[Any], None]) -> Any:  # noqa: ANN401 Dask's
+    def submit(self, func: Callable[[], Any], callback: Callable[[Any], None]) -> DaskFuture:
         """Send jobs; ``callback`` hears in any case."""
         from cloudpickle import dumps
 
@@ -441,7 +452,7 @@ class ClusterBackend(ParallelBackendBase):  # type: ignore[misc]
         self._client.loop.add_callback(self._collect, future, callback)
         return future
 
-    async def _collect(self, future: Any, callback: Callable[[Any], None]) -> None:  # noqa: ANN401 Dask's
+    async def _collect(self, future: DaskFuture, callback: Callable[[Any], None]) -> None:
         try:
             outcome = await future
         except Exception as error:
@@ -449,7 +460,7 @@ class ClusterBackend(ParallelBackendBase):  # type: ignore[misc]
         self._futures.discard(future)
         callback(outcome)
 
-    def retrieve_result_callback(self, out: tuple[Any, Exception | None]) -> Any:  # noqa: ANN401 of any jobs
+    def retrieve_result_callback(self, out: tuple[T, Exception | None]) -> T:
         """Return the results of jobs, or raise what one of them raised."""
         result, error = out
         if error is not None:
@@ -462,7 +473,7 @@ class ClusterBackend(ParallelBackendBase):  # type: ignore[misc]
         futures = list(self._futures)
         self._client.loop.add_callback(self._take_back, futures)
 
-    async def _take_back(self, futures: Iterable[Any]) -> None:
+    async def _take_back(self, futures: Iterable[DaskFuture]) -> None:
         with contextlib.suppress(Exception):  # without a scheduler there is nothing to take back
             await self._client.cancel(list(futures))
 

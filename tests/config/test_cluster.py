@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
 import pytest
 
+from pepper_driver.backends.naoqi_server.tls import make_certificate
 from pepper_driver.config import ConfigError, MissingExtraError, cluster
 from pepper_driver.config.cluster import ClusterError, LostClusterError, connected
 from pepper_driver.config.workers import run_jobs
@@ -77,7 +78,10 @@ def not_a_scheduler(request: pytest.FixtureRequest) -> Iterator[tuple[str, str]]
         listener.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
         if request.param == "nobody":
-            yield address, "no scheduler there (connection refused); start one with 'dask scheduler'"
+            yield (
+                address,
+                "no scheduler there (connection refused); start one with 'dask scheduler'",
+            )
             return
         listener.listen()
 
@@ -117,6 +121,30 @@ def test_tls_without_certificates_says_where_they_go() -> None:
             pass
 
 
+@pytest.mark.whole
+def test_a_cluster_behind_tls(tmp_path: Path, notes: Path) -> None:
+    """Certificates from the settings of Dask, as docs/cluster.md has them."""
+    import dask
+
+    certificate, key = map(str, make_certificate(str(tmp_path)))
+    mine = {"ca-file": certificate, "client.cert": certificate, "client.key": key}
+    settings = {"DASK_DISTRIBUTED__COMM__TLS__CA_FILE": certificate}
+    for role in ("SCHEDULER", "WORKER"):
+        settings[f"DASK_DISTRIBUTED__COMM__TLS__{role}__CERT"] = certificate
+        settings[f"DASK_DISTRIBUTED__COMM__TLS__{role}__KEY"] = key
+    with (
+        dask.config.set({f"distributed.comm.tls.{name}": file for name, file in mine.items()}),
+        DaskCluster(tmp_path, protocol="tls", settings=settings) as closed,
+    ):
+        assert closed.address.startswith("tls://")
+        with connected(closed.address) as workers:
+            jobs = [partial(noted, notes, number) for number in range(5)]
+            assert [number for number, _ in run_jobs(jobs, workers=workers)] == list(range(5))
+        plain = closed.address.replace("tls", "tcp")
+        with pytest.raises(ClusterError, match="no Dask scheduler"), connected(plain):
+            pass
+
+
 # -- one sweep --------------------------------------------------------------------------------------------------------
 
 
@@ -126,7 +154,7 @@ def test_a_worker_that_is_killed_costs_nothing(
     """What it was at is done again by the other: each result comes once, in order, from another process than this."""
     with DaskCluster(tmp_path) as dask:
         with connected(dask.address) as workers:
-            results = []
+            results: list[tuple[int, int]] = []
             jobs = (partial(noted, notes, number, 0.3) for number in range(JOBS))
             for number, pid in run_jobs(jobs, workers=workers):
                 if not results:
@@ -176,7 +204,8 @@ def test_an_error_of_a_job_is_raised_here_and_ends_the_sweep(
     dask: DaskCluster, notes: Path
 ) -> None:
     with connected(dask.address) as workers:
-        jobs = [refuses, *(partial(noted, notes, number, 0.2) for number in range(50))]
+        jobs: list[Callable[[], object]] = [refuses]
+        jobs += [partial(noted, notes, number, 0.2) for number in range(50)]
         with pytest.raises(ValueError, match="not this one"):
             list(run_jobs(jobs, workers=workers))
         assert wait_until(lambda: dask.tasks == 0)
@@ -231,7 +260,8 @@ def test_a_job_that_ends_every_worker_is_an_error(
 ) -> None:
     """As many as the scheduler allows; joblib's own backend waits for ever."""
     with DaskCluster(tmp_path, workers=3) as large, connected(large.address) as workers:
-        jobs = [ends_its_worker, *(partial(noted, notes, n, 0.5) for n in range(20))]
+        jobs: list[Callable[[], object]] = [ends_its_worker]
+        jobs += [partial(noted, notes, n, 0.5) for n in range(20)]
         with pytest.raises(LostClusterError, match="a job ended each of the workers") as caught:
             list(run_jobs(jobs, workers=workers))
         assert caught.value.while_active, "exit code 1"
@@ -385,16 +415,16 @@ def test_a_worker_of_another_version_that_comes_later_ends_the_sweep(
 ) -> None:
     """Nothing that it made is counted."""
     with DaskCluster(tmp_path, workers=1) as mixed, connected(mixed.address) as workers:
-        good, results = None, run_jobs(
-            (partial(noted, notes, n, 0.2) for n in range(200)), workers=workers
+        good, results = (
+            None,
+            run_jobs((partial(noted, notes, n, 0.2) for n in range(200)), workers=workers),
         )
         _, good = next(results)
         mixed.add_worker(path=[other_version(tmp_path / "site", "mujoco")])
-        pids = set()
+        counted: list[tuple[int, int]] = []
         with pytest.raises(LostClusterError, match=r"has mujoco 0\.0\.7 and this machine"):
-            for _, pid in results:
-                pids.add(pid)
-        assert pids <= {good}
+            counted.extend(results)
+        assert {pid for _, pid in counted} <= {good}
 
 
 @pytest.mark.whole

@@ -8,12 +8,14 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 from uuid import uuid4
 
+from pepper_driver.config.files import OutputError
 from support import ROOT
 from support.waiting import PATIENCE, wait_until
 
@@ -29,10 +31,19 @@ class DaskCluster:
     Args:
         folder: For files of the workers.
         workers: How many to begin with.
+        protocol: ``tcp`` or ``tls``.
+        settings: Of Dask, as environment variables.
     """
 
-    def __init__(self, folder: Path, workers: int = 2) -> None:
-        self.folder = folder
+    def __init__(
+        self,
+        folder: Path,
+        workers: int = 2,
+        *,
+        protocol: str = "tcp",
+        settings: Mapping[str, str] | None = None,
+    ) -> None:
+        self.folder, self._protocol, self._settings = folder, protocol, settings or {}
         self._processes: list[subprocess.Popen[bytes]] = []
         file = folder / "scheduler.json"
         self.scheduler = self._start(
@@ -84,6 +95,7 @@ class DaskCluster:
     def _client(self) -> Any:
         from distributed import Client
 
+        warnings.filterwarnings("ignore", message="(?s).*Mismatched versions found")
         return Client(self.address, timeout=START_TIME, set_as_default=False)
 
     def wait_for(self, count: int) -> None:
@@ -95,15 +107,19 @@ class DaskCluster:
         assert pid in [process.pid for process in self._processes]
         os.kill(pid, signal.SIGKILL)
 
-    def _start(self, what: str, *options: str, path: Sequence[Path] = ()) -> Any:
+    def _start(
+        self, what: str, *options: str, path: Sequence[Path] = ()
+    ) -> subprocess.Popen[bytes]:
         folders = [*map(str, path), str(ROOT), str(ROOT / "tests")]
         environment = {
             **os.environ,
             "PYTHONPATH": os.pathsep.join(folders),
             "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1",
+            **self._settings,
         }
+        where = ["--host", "127.0.0.1", "--protocol", self._protocol]
         process = subprocess.Popen(
-            [sys.executable, "-c", TEXT.format(what), *options, "--host", "127.0.0.1"],
+            [sys.executable, "-c", TEXT.format(what), *options, *where],
             cwd=self.folder,
             env=environment,
             stdout=subprocess.DEVNULL,
@@ -154,6 +170,11 @@ def ends_its_worker() -> None:
 def refuses() -> None:
     """As a job that cannot be done."""
     raise ValueError("not this one")
+
+
+def refuses_folder(path: Path) -> None:
+    """As on a machine where it cannot be made."""
+    raise OutputError(f"{path}: cannot be made (no permission)")
 
 
 def makes_what_cannot_be_sent() -> Callable[[], object]:
