@@ -10,8 +10,10 @@ import os
 import platform
 import socket
 import time
+import traceback
 import warnings
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache, partial
@@ -75,7 +77,7 @@ PACKAGES = (
     "dask",
     "distributed",
 )
-"""Whose versions must be the same everywhere: they compute the results, or carry jobs and results."""
+"""Packages that must be the same everywhere: they compute the results, or carry jobs and results."""
 
 SOURCES = "sources"
 """Stands for the files of this package: one version may have been changed here and not there."""
@@ -152,11 +154,13 @@ def _perform(
     from cloudpickle import loads
 
     _one_thread()
-    here = contextlib.chdir(folder) if os.path.isdir(folder) else contextlib.nullcontext()
-    with here:
+    there = os.path.isdir(folder) and os.access(folder, os.X_OK)
+    with contextlib.chdir(folder) if there else contextlib.nullcontext():
         try:
             return loads(payload)(), None
         except Exception as error:  # of a job, and not of the cluster
+            if not isinstance(error, PepperError):
+                error.add_note(f"on {platform.node()}: {traceback.format_exc()}")
             return None, error
 
 
@@ -178,7 +182,7 @@ class Cluster:
     Attributes:
         address: Of the scheduler, as it may be shown.
         client: The connection, a ``distributed.Client``.
-        workers: By address, host and name of the workers that were there at the beginning.
+        workers: By address, names of the workers that were there at the beginning, for messages.
     """
 
     address: str
@@ -240,7 +244,8 @@ def connected(
             _wait_for_workers(client, address, waiting)
             yield Cluster(address=address, client=client, workers=_checked(client, address))
         finally:
-            client.close(timeout=CONNECT_TIME)
+            with contextlib.suppress(TimeoutError):  # without a scheduler
+                client.close(timeout=CONNECT_TIME)
 
 
 def _parsed(text: str) -> str:
@@ -288,7 +293,8 @@ def _probe(address: str) -> None:
         return await asyncio.wait_for(identity(), CONNECT_TIME)
 
     try:
-        kind = asyncio.run(in_time())["type"]
+        with ThreadPoolExecutor(1) as thread:  # a notebook has a loop in its own
+            kind = thread.submit(asyncio.run, in_time()).result()["type"]
     except Exception as error:  # what decodes the bytes of other programs raises anything
         raise ClusterError(f"cluster {address}: {_why(address, error)}") from error
     if kind != "Scheduler":
@@ -306,11 +312,7 @@ def _why(address: str, error: Exception) -> str:
     return "something answers there, but no Dask scheduler of this version without tls://"
 
 
-def _wait_for_workers(
-    client: DaskClient,
-    address: str,
-    waiting: Callable[[str], None],
-) -> None:
+def _wait_for_workers(client: DaskClient, address: str, waiting: Callable[[str], None]) -> None:
     if client.scheduler_info()["n_workers"]:
         return
     waiting(f"cluster {address}: no worker yet, waiting {WORKER_TIME:.0f} s for the first")
@@ -379,7 +381,7 @@ def _in_time(client: DaskClient, address: str, call: Callable[[], Awaitable[T]])
         results: T = client.sync(awaited, callback_timeout=CHECK_TIME)
     except TimeoutError as error:
         raise ClusterError(
-            f"cluster {address}: a worker does not answer; see 'dask scheduler' for which, and end it"
+            f"cluster {address}: a worker does not answer in {CHECK_TIME:.0f} s; look for it on its machine, and end it"
         ) from error
     except OSError as error:
         raise ClusterError(f"cluster {address}: the connection was lost") from error
@@ -408,7 +410,7 @@ def _quiet() -> Iterator[None]:
 
 
 class ClusterBackend(ParallelBackendBase):  # type: ignore[misc]
-    """Where joblib sends jobs to workers of a cluster.
+    """Backend of joblib that sends jobs to the workers of a cluster.
 
     joblib's own such backend waits for ever when a job ends its workers, and performs the jobs in this process where
     there is one worker.
@@ -492,8 +494,6 @@ class ClusterBackend(ParallelBackendBase):  # type: ignore[misc]
 
     def _lost(self, error: Exception) -> LostClusterError:
         """Say what became of jobs that did not come back."""
-        from concurrent.futures import CancelledError
-
         from distributed import KilledWorker
 
         if isinstance(error, CancelledError):

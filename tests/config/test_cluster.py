@@ -206,8 +206,9 @@ def test_an_error_of_a_job_is_raised_here_and_ends_the_sweep(
     with connected(dask.address) as workers:
         jobs: list[Callable[[], object]] = [refuses]
         jobs += [partial(noted, notes, number, 0.2) for number in range(50)]
-        with pytest.raises(ValueError, match="not this one"):
+        with pytest.raises(ValueError, match="not this one") as caught:
             list(run_jobs(jobs, workers=workers))
+        assert "in refuses" in caught.value.__notes__[0], "where it was raised"
         assert wait_until(lambda: dask.tasks == 0)
         before = len(begun(notes))
         assert before < 10, "the others were taken back"
