@@ -20,7 +20,7 @@ from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 from urllib.parse import urlsplit
 
 from joblib.parallel import ParallelBackendBase, SequentialBackend
@@ -37,8 +37,9 @@ from pepper_driver.config.passwords import without_secrets
 
 T = TypeVar("T")
 
-DaskClient = DaskFuture = Any
-"""Of a package that may not be installed."""
+DaskClient: TypeAlias = Any
+DaskFuture: TypeAlias = Any
+"""Both of a package that may not be installed."""
 
 SCHEMES = ("tcp", "tls")
 DEFAULT_PORT = 8786
@@ -496,7 +497,7 @@ class ClusterBackend(ParallelBackendBase):  # type: ignore[misc]
         """Say what became of jobs that did not come back."""
         from distributed import KilledWorker
 
-        if isinstance(error, CancelledError):
+        if isinstance(error, CancelledError | OSError):
             why = self._problem
         elif isinstance(error, KilledWorker):
             why = (
