@@ -47,15 +47,32 @@ def recordings(folder: Path) -> dict[str, bytes]:
 # -- options ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("command", ["identify --out x.json", "evaluate --suite free", "calibrate"])
+NOBODY = ["--cluster", "tcp://127.0.0.1:1"]
+REFUSED = "no scheduler there (connection refused); start one"
+
+
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("command", "options", "said"),
     [
-        (["--cluster", "here", "--workers", "2"], "'--workers': with '--cluster' all workers of"),
-        (["--cluster", "tcp://127.0.0.1:1"], "no scheduler there (connection refused); start one"),
-        (["--cluster", "udp://here"], "cluster 'udp://here': write tcp://host:8786 or tls://"),
-        (["--cluster", "tcp://me:hunter2@here:1"], "takes no user and no password"),
-        (["--cluster", ""], "option '--cluster' must not be empty"),
+        ("evaluate --suite free", NOBODY, REFUSED),
+        ("calibrate", NOBODY, REFUSED),
+        ("identify --out x.json", NOBODY, REFUSED),
+        (
+            "identify --out x.json",
+            ["--cluster", "here", "--workers", "2"],
+            "'--workers': with '--cluster' all workers of",
+        ),
+        (
+            "identify --out x.json",
+            ["--cluster", "udp://here"],
+            "cluster 'udp://here': write tcp://host:8786 or tls://",
+        ),
+        (
+            "identify --out x.json",
+            ["--cluster", "tcp://me:hunter2@here:1"],
+            "takes no user and no password",
+        ),
+        ("identify --out x.json", ["--cluster", ""], "option '--cluster': must not be empty"),
     ],
 )
 def test_a_wrong_cluster_is_one_line_and_code_2(
@@ -70,7 +87,7 @@ def test_a_wrong_cluster_is_one_line_and_code_2(
     assert run([*command.split(), *options]) == 2
     shown, errors = capfd.readouterr()
     assert len(errors.splitlines()) == 1
-    assert said in errors.replace("'--cluster': must", "'--cluster' must")
+    assert said in errors
     assert "hunter2" not in shown + errors
     assert list(tmp_path.iterdir()) == [], "nothing was begun"
 
