@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Event, Thread
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -22,10 +22,11 @@ from rich.progress import (
 )
 
 from pepper_driver.config import ConfigError
-from pepper_driver.config.cluster import connected
 from pepper_driver.config.files import check_writable, write_json
-from pepper_driver.config.workers import Workers
 from pepper_driver.realtime import Statistics
+
+if TYPE_CHECKING:
+    from pepper_driver.config.workers import Workers
 
 LINE_INTERVAL = 2.0
 """[s] between two lines of a progress."""
@@ -195,6 +196,8 @@ def chosen_workers(workers: int | None, cluster: str | None, console: Console) -
         raise ConfigError(
             "option '--workers': with '--cluster' all workers of the cluster work; leave it out"
         )
+    from pepper_driver.config.cluster import connected  # slow to import, for commands without it
+
     with connected(cluster, waiting=console.print) as found:
         console.print(str(found))
         yield found
