@@ -38,7 +38,8 @@ class PepperError(Exception):
     """Root of every error this project raises on purpose. All can be sent between processes.
 
     Attributes:
-        while_active: True where it ended a run of a robot that was active, and not the attempt to begin one.
+        while_active: True where it ended a run of a robot that was active, or a sweep that had begun, and not the
+            attempt to begin.
     """
 
     while_active = False

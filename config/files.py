@@ -6,12 +6,13 @@ import errno
 import hashlib
 import json
 import os
+import secrets
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from pepper_driver.config.errors import PepperError, reason
+from pepper_driver.config.errors import ConfigError, PepperError, reason
 
 
 class OutputError(PepperError, OSError):
@@ -64,6 +65,42 @@ def write_text(path: Path, text: str) -> None:
         partial.write_text(text, encoding="utf-8")
 
 
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file; a failure leaves what was there before.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    with replacing(path) as partial:
+        partial.write_bytes(content)
+
+
+def file_hash(path: Path) -> str:
+    """Return 16 hexadecimal digits of the SHA-256 of a file's bytes.
+
+    Raises:
+        ConfigError: It cannot be read.
+    """
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({reason(error)})") from error
+
+
+def check_same(hashes: Mapping[Path, str]) -> None:
+    """Refuse files that are not what they are elsewhere.
+
+    Args:
+        hashes: By path, of the content there.
+
+    Raises:
+        ConfigError: A file cannot be read, or holds something else.
+    """
+    for path, expected in hashes.items():
+        if file_hash(path) != expected:
+            raise ConfigError(f"{path}: its content is another one there")
+
+
 def content_hash(content: object) -> str:
     """Return 16 hexadecimal digits of the SHA-256 of JSON values, independent of the order of keys."""
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
@@ -80,7 +117,8 @@ def replacing(path: Path, *, keep: bool = True) -> Iterator[Path]:
     Raises:
         OutputError: It cannot be written.
     """
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")  # two runs may write the same
+    # Two runs may write the same, also on two machines.
+    partial = path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(4)}.part")
     try:
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, "it is a folder")

@@ -9,18 +9,22 @@ import time
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from multiprocessing import resource_tracker
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from joblib import Parallel, delayed
 from joblib.externals.loky.backend import resource_tracker as loky_tracker
 from joblib.parallel import LokyBackend
 
+from pepper_driver.config.cluster import IN_FLIGHT, Cluster, ClusterBackend
 from pepper_driver.config.signals import deferred_signals
 
 T = TypeVar("T")
+
+Workers = int | Cluster
+"""Processes of this machine that work at the same time, -1 for one per core; or those of a cluster."""
 
 ENDING = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
 """Signals that a terminal, ``timeout`` or systemd sends to a command and to its workers."""
@@ -33,22 +37,22 @@ WATCH_PERIOD = 0.5
 
 
 def run_jobs(
-    jobs: Iterable[Callable[[], T]], *, workers: int = -1, ordered: bool = True
+    jobs: Iterable[Callable[[], T]], *, workers: Workers = -1, ordered: bool = True
 ) -> Iterator[T]:
     """Yield the results of jobs that run in parallel. When the caller stops reading them, the jobs end too.
 
     Args:
         jobs: Functions that can be sent to another process, such as a ``functools.partial`` of one of a module.
-        workers: Processes; -1 for one per core, 1 for this process itself.
+        workers: Processes; -1 for one per core, 1 for this process itself, or a cluster.
         ordered: Results in the order of the jobs, and not as they come.
+
+    Raises:
+        LostClusterError: Jobs on a cluster that did not come back.
     """
     pool = Parallel(
-        n_jobs=workers,
-        backend=_Backend(),
+        **(_on_cluster(workers) if isinstance(workers, Cluster) else _on_this_machine(workers)),
         return_as="generator" if ordered else "generator_unordered",
         batch_size=1,  # jobs take seconds
-        initializer=end_with,
-        initargs=(os.getpid(),),
     )
     results: Generator[T] | None = None
     with warnings.catch_warnings():
@@ -56,13 +60,26 @@ def run_jobs(
         for message in ("A worker stopped", ".* adjusting the input task"):
             warnings.filterwarnings("ignore", message=message, category=UserWarning)
         try:
-            # An exception while workers are being started would leave them without anybody who ends them.
-            with deferred_signals(), _deaf_processes():
+            with nullcontext() if isinstance(workers, Cluster) else _starting():
                 results = pool(delayed(job)() for job in jobs)
             yield from results
         finally:
             if results is not None:
                 results.close()
+
+
+def _on_this_machine(workers: int) -> dict[str, Any]:
+    return {
+        "n_jobs": workers,
+        "backend": _Backend(),
+        "initializer": end_with,
+        "initargs": (os.getpid(),),
+    }
+
+
+def _on_cluster(cluster: Cluster) -> dict[str, Any]:
+    # More of them may come than are there at the beginning.
+    return {"n_jobs": -1, "backend": ClusterBackend(cluster), "pre_dispatch": IN_FLIGHT}
 
 
 class _Backend(LokyBackend):  # type: ignore[misc]
@@ -96,6 +113,13 @@ class _Backend(LokyBackend):  # type: ignore[misc]
 
 def _sent(future: Future[object]) -> bool:
     return future.running() or future.done()
+
+
+@contextmanager
+def _starting() -> Iterator[None]:
+    """Start processes: an exception meanwhile would leave them without anybody who ends them."""
+    with deferred_signals(), _deaf_processes():
+        yield
 
 
 @contextmanager

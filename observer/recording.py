@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
+from io import BytesIO
 from itertools import repeat
 from operator import attrgetter
 from pathlib import Path
@@ -24,7 +25,7 @@ from pepper_driver.backends.fields import (
 from pepper_driver.config import PepperError, RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.errors import reason, short_reason
-from pepper_driver.config.files import replacing
+from pepper_driver.config.files import write_bytes
 from pepper_driver.controller.tick import Reference, Tick
 
 T = TypeVar("T")
@@ -39,14 +40,11 @@ class RecordingError(PepperError, ValueError):
     """A recording is too short, of the wrong shape, not finite, of another robot, or its file is damaged."""
 
 
-def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write the arrays; at no time is there half a file at ``path``.
-
-    Raises:
-        OutputError: The place cannot be written to.
-    """
-    with replacing(path) as partial, partial.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **{_FORMAT_NAME: np.array(FORMAT)}, **arrays)
+def arrays_as_bytes(arrays: Mapping[str, NDArray[Any]]) -> bytes:
+    """Return the content of a file of arrays, which :func:`read_arrays` reads."""
+    file = BytesIO()
+    np.savez_compressed(file, allow_pickle=False, **{_FORMAT_NAME: np.array(FORMAT)}, **arrays)
+    return file.getvalue()
 
 
 def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
@@ -294,7 +292,11 @@ class Recording:
         Raises:
             RecordingError: The place cannot be written to.
         """
-        write_arrays(path, {"joint_names": np.array(self.joint_names), **dict(self._arrays())})
+        write_bytes(path, self.as_bytes())
+
+    def as_bytes(self) -> bytes:
+        """Return the content of its file."""
+        return arrays_as_bytes({"joint_names": np.array(self.joint_names), **dict(self._arrays())})
 
     @classmethod
     def load(cls, path: Path, robot: RobotConfig | None = None) -> Self:

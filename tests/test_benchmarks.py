@@ -719,6 +719,33 @@ def test_wrong_options_of_the_touched_arm_are_one_line(
 
 
 @pytest.mark.whole
+def test_the_costs_of_a_cluster_follow_from_what_is_measured(tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="comes with the extra 'cluster'")
+    figures = tmp_path / "figures.json"
+    script = str(ROOT / "benchmarks" / "cluster.py")
+    options = ["--jobs", "50", "--repeats", "1", "--robots", "10", "--json", str(figures)]
+    result = subprocess.run(
+        [sys.executable, script, *options], capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    document = json.loads(figures.read_text())
+    for name, hours in (("evaluate", 300.0), ("identify", 18.167)):
+        cost = document[name]
+        assert cost["robot_hours"] == pytest.approx(hours, rel=1e-3)
+        assert 1 < cost["robot_hours_per_core_hour"] < 200
+        assert cost["core_hours"] == pytest.approx(
+            hours / cost["robot_hours_per_core_hour"], rel=1e-3
+        )
+        assert cost["jobs"] * cost["job_seconds"] / 3600 == pytest.approx(hours, rel=1e-3)
+        slowest = max(cost["scheduler_s"], cost["command_s"])
+        assert 1e-5 < slowest < 0.1
+        assert cost["carrying_hours"] == pytest.approx(cost["jobs"] * slowest / 3600)
+        fed = cost["job_seconds"] / cost["robot_hours_per_core_hour"] / slowest
+        assert cost["cores_one_scheduler_feeds"] == pytest.approx(fed)
+        assert 1e5 < cost["job_bytes"] < 1e7
+
+
+@pytest.mark.whole
 def test_a_hunt_finds_what_fails_now_and_then_and_continues_where_it_was(tmp_path: Path) -> None:
     count = tmp_path / "count"
     (tmp_path / "test_planted.py").write_text(

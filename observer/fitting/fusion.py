@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
-from joblib import Parallel, delayed
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.workers import Workers, run_jobs
 from pepper_driver.observer.fitting.bounds import fit_bounds
 from pepper_driver.observer.fitting.mobile_base import fit_base
 from pepper_driver.observer.fitting.stick_slip import START_UP_TIME, fit_stick_slip
@@ -100,7 +101,7 @@ def fit_fusion(
     calibration: Sequence[Recording],
     *,
     window: int,
-    workers: int = -1,
+    workers: Workers = -1,
 ) -> tuple[dict[str, FusionModel], BaseModel | None]:
     """Fit the models of all joints, and of the base if it moves in the calibration.
 
@@ -111,22 +112,20 @@ def fit_fusion(
         shared: By joint without a model of its own, the joint whose model it gets.
         calibration: Free motion of the whole body, for the thresholds.
         window: Samples of the median.
-        workers: Processes; -1 for one per core. The result does not depend on it.
+        workers: Processes, -1 for one per core; or a cluster. The result does not depend on it.
     """
-    pool = Parallel(n_jobs=workers)
     own = [joint for joint in sweeps if joint not in mirrors]
-    stick_slips = dict(
-        zip(own, pool(delayed(fit_joint_stick_slip)(j, sweeps[j], robot) for j in own), strict=True)
-    )
+    jobs = (partial(fit_joint_stick_slip, joint, sweeps[joint], robot) for joint in own)
+    stick_slips = dict(zip(own, run_jobs(jobs, workers=workers), strict=True))
     for joint, source in mirrors.items():
         _, sign = robot.mirror[robot.joint_index(joint)]
         stick_slips[joint] = replace(stick_slips[source], offset=sign * stick_slips[source].offset)
     # After the stick-slip models: those of mirrored joints come from their source.
-    fits = pool(
-        delayed(fit_joint_fusion)(joint, recordings, robot, stick_slip=stick_slips[joint])
+    fits = (
+        partial(fit_joint_fusion, joint, recordings, robot, stick_slip=stick_slips[joint])
         for joint, recordings in sweeps.items()
     )
-    models = dict(zip(sweeps, fits, strict=True))
+    models = dict(zip(sweeps, run_jobs(fits, workers=workers), strict=True))
     models |= {joint: models[source] for joint, source in shared.items()}
     drives = [recording for recording in calibration if np.any(recording.sent_wheel_speed)]
     base = fit_base(robot, drives, window=window) if drives else None

@@ -23,6 +23,7 @@ from pepper_driver.config import (
     TrackingTable,
 )
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.workers import Workers
 
 Law = Literal["pd", "integral"]
 Progress = Callable[[float], None]
@@ -199,7 +200,7 @@ def measure(
     calibration: Calibration,
     seed: int,
     *,
-    workers: int = -1,
+    workers: Workers = -1,
     progress: Progress | None = None,
 ) -> BenchResult:
     """Tables and holds of a plant on the bench.
@@ -209,7 +210,7 @@ def measure(
         plant: Its parameters.
         calibration: Which velocities and torques, and the protocols.
         seed: Of goals and noise in the holds.
-        workers: Processes; -1 for one per core.
+        workers: Processes, -1 for one per core; or a cluster.
         progress: Called with the fraction done, 0..1.
     """
     # Simulated time decides how long each part takes.
@@ -246,7 +247,7 @@ def check(
     plant: PlantConfig,
     calibration: Calibration,
     *,
-    workers: int = -1,
+    workers: Workers = -1,
     progress: Progress | None = None,
 ) -> CalibrationReport:
     """Measure a plant and compare it with the recordings; arguments as for :func:`measure`."""

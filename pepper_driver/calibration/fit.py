@@ -39,6 +39,7 @@ from pepper_driver.config import (
     TrackingTable,
 )
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.workers import Workers
 
 STIFFNESSES = np.geomspace(40.0, 250.0, 49)
 """[N m/rad] that are tried; stiffer than these would ask for three times the currents seen in holds."""
@@ -198,7 +199,7 @@ def fit_pd(
     calibration: Calibration,
     *,
     rounds: int = 4,
-    workers: int = -1,
+    workers: Workers = -1,
     progress: Progress | None = None,
 ) -> Fitted:
     """Fit K, F, dead band and the common delay of boards without an integral part; see the module.
@@ -210,7 +211,7 @@ def fit_pd(
         plant: Says everything that is not fitted.
         calibration: What the real robots showed, protocols, targets and the seed of the fit.
         rounds: Sets of values that are measured in the full plant; each joint gets its best.
-        workers: Processes; -1 for one per core.
+        workers: Processes, -1 for one per core; or a cluster.
         progress: Called with the fraction done, 0..1.
     """
     required = targets(calibration)
@@ -265,7 +266,7 @@ def fit_integral(
     plant: PlantConfig,
     calibration: Calibration,
     *,
-    workers: int = -1,
+    workers: Workers = -1,
     progress: Progress | None = None,
 ) -> Fitted:
     """Improve K, F and Ti of the boards of ``plant`` that have an integral part; arguments as for :func:`fit_pd`.
@@ -292,7 +293,7 @@ def _measure(
     robot: RobotConfig,
     plant: PlantConfig,
     calibration: Calibration,
-    workers: int,
+    workers: Workers,
     progress: Progress | None,
     number: int,
     rounds: int,

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from time import perf_counter
+from typing import TypeVar
 
 import mujoco
 import numpy as np
-from joblib import Parallel, delayed
 
 from pepper_driver.backends.fields import Command
 from pepper_driver.backends.motion_profile import minimum_jerk
@@ -23,6 +24,9 @@ from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.config import PlantConfig, RampProtocol, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.steps import Holds
+from pepper_driver.config.workers import Workers, run_jobs
+
+T = TypeVar("T")
 
 SPEED_FRACTION = 0.15
 """Peak speed of the motion, as a fraction of each joint's limit."""
@@ -139,7 +143,7 @@ def ramp_errors(
     torques: Sequence[float],
     protocol: RampProtocol,
     *,
-    workers: int = -1,
+    workers: Workers = -1,
     progress: Progress | None = None,
 ) -> FloatArray:
     """Tracking error of a joint in steady ramps under constant load.
@@ -157,7 +161,7 @@ def ramp_errors(
         velocities: (n,) [rad/s], none of them 0.
         torques: (m,) that the motor must give against the load [N m].
         protocol: Distances and times.
-        workers: Processes; -1 for one per core.
+        workers: Processes, -1 for one per core; or a cluster.
         progress: Called after each part.
 
     Returns:
@@ -167,7 +171,7 @@ def ramp_errors(
     cells = [(v, torque) for torque in torques for v in velocities]
     pairs = [cells[i : i + 2] for i in range(0, len(cells), 2)]
     jobs = [
-        delayed(_ramp_part)(robot, fixed, joint, pairs[i : i + 8], protocol)
+        partial(_ramp_part, robot, fixed, joint, pairs[i : i + 8], protocol)
         for i in range(0, len(pairs), 8)
     ]
     parts = _run(jobs, workers, progress)
@@ -254,7 +258,7 @@ def hold_errors(
     holds: Holds,
     seed: int,
     *,
-    workers: int = -1,
+    workers: Workers = -1,
     progress: Progress | None = None,
 ) -> HoldEnds:
     """Errors and currents of an arm at the end of holds.
@@ -268,13 +272,17 @@ def hold_errors(
         plant: Its parameters; the base is fixed for this.
         holds: Joints, number of goals, ranges and times.
         seed: Of goals and noise.
-        workers: Processes; -1 for one per core.
+        workers: Processes, -1 for one per core; or a cluster.
         progress: Called after each part.
     """
     fixed = replace(plant, base="fixed")
     jobs = [
-        delayed(_hold_part)(
-            robot, fixed, replace(holds, count=min(GOALS_EACH, holds.count - first)), (seed, first)
+        partial(
+            _hold_part,
+            robot,
+            fixed,
+            replace(holds, count=min(GOALS_EACH, holds.count - first)),
+            (seed, first),
         )
         for first in range(0, holds.count, GOALS_EACH)
     ]
@@ -361,10 +369,10 @@ def opposite(joint: str) -> str:
     return {"L": "R", "R": "L"}[joint[0]] + joint[1:]
 
 
-def _run(jobs: list[object], workers: int, progress: Progress | None) -> list[FloatArray]:
+def _run(jobs: Sequence[Callable[[], T]], workers: Workers, progress: Progress | None) -> list[T]:
     """Results of all jobs, in order."""
     results = []
-    for result in Parallel(n_jobs=workers, return_as="generator")(jobs):
+    for result in run_jobs(jobs, workers=workers):
         results.append(result)
         if progress is not None:
             progress(len(results), len(jobs))

@@ -15,9 +15,11 @@ from pepper_driver.calibration.drive import plant_text
 from pepper_driver.calibration.fit import Fitted, fit_integral, fit_pd
 from pepper_driver.calibration.plot import plot_calibration
 from pepper_driver.cli.console import (
+    ClusterOption,
     JsonOption,
     WorkersOption,
     check_outputs,
+    chosen_workers,
     make_console,
     make_progress,
     save_json,
@@ -34,6 +36,7 @@ from pepper_driver.config import (
     plant_names,
 )
 from pepper_driver.config.files import write_text
+from pepper_driver.config.workers import Workers
 from pepper_driver.log.plots import check_picture
 
 LABELS = {
@@ -73,6 +76,7 @@ def calibrate(
         bool, typer.Option("--check", help="Measure the plant as it is, fit nothing.")
     ] = False,
     workers: WorkersOption = None,
+    cluster: ClusterOption = None,
 ) -> None:
     """Fit the simulated robot to recordings of real ones, or check how near it comes. Simulation only."""
     console = make_console()
@@ -100,24 +104,25 @@ def calibrate(
         raise ConfigError(f"{out}: this is the plant to begin from; choose another file for --out")
     if law == "integral" and not only_check and not any(d.ki for d in start.actuators):
         raise ConfigError(f"{start.source}: no board has an integral part to fit")
-    tested, count = start, workers or -1
+    tested = start
     fitted: Fitted | None = None
-    if not only_check:
-        fitted = _fit(console, law, robot, start, calibration, count)
-        tested = replace(fitted.plant, name=out.stem if out else f"{start.name}, fitted")
-        _print_fit(console, fitted)
-        if out is not None:
-            write_text(out, _text(name, start, fitted, out))
-            console.print(f"plant: {out}")
-    with make_progress(console) as progress:
-        bar = progress.add_task("measuring", total=1.0)
-        report = check(
-            robot,
-            tested,
-            calibration,
-            workers=count,
-            progress=lambda fraction: progress.update(bar, completed=fraction),
-        )
+    with chosen_workers(workers, cluster, console) as pool:
+        if not only_check:
+            fitted = _fit(console, law, robot, start, calibration, pool)
+            tested = replace(fitted.plant, name=out.stem if out else f"{start.name}, fitted")
+            _print_fit(console, fitted)
+            if out is not None:
+                write_text(out, _text(name, start, fitted, out))
+                console.print(f"plant: {out}")
+        with make_progress(console) as progress:
+            bar = progress.add_task("measuring", total=1.0)
+            report = check(
+                robot,
+                tested,
+                calibration,
+                workers=pool,
+                progress=lambda fraction: progress.update(bar, completed=fraction),
+            )
     _print_report(console, report)
     content = report.as_json() | ({"fit": fitted.as_json()} if fitted else {})
     save_json(json_file, content, console)
@@ -132,7 +137,7 @@ def _fit(
     robot: RobotConfig,
     start: PlantConfig,
     calibration: Calibration,
-    workers: int,
+    workers: Workers,
 ) -> Fitted:
     fit = fit_pd if law == "pd" else fit_integral
     with make_progress(console) as progress:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Event, Thread
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -20,8 +21,12 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from pepper_driver.config import ConfigError
 from pepper_driver.config.files import check_writable, write_json
 from pepper_driver.realtime import Statistics
+
+if TYPE_CHECKING:
+    from pepper_driver.config.workers import Workers
 
 LINE_INTERVAL = 2.0
 """[s] between two lines of a progress."""
@@ -53,6 +58,16 @@ WorkersOption = Annotated[
         min=1,
         max=1000,
         help="Processes that work at the same time; by default one per core.",
+        show_default=False,
+    ),
+]
+
+ClusterOption = Annotated[
+    str | None,
+    typer.Option(
+        "--cluster",
+        metavar="ADDRESS",
+        help="Dask scheduler whose workers do the work, such as tcp://10.0.0.1:8786; by default processes here do.",
         show_default=False,
     ),
 ]
@@ -164,6 +179,28 @@ def show_line(console: Console, line: str) -> None:
 def show_timing(console: Console, statistics: Statistics) -> None:
     """Say at the end of a run in real time whether ticks were missed; where some were, show what took how long."""
     console.print(str(statistics) if statistics.missed else statistics.summary)
+
+
+@contextmanager
+def chosen_workers(workers: int | None, cluster: str | None, console: Console) -> Iterator[Workers]:
+    """Yield who works: processes of this machine, or the workers of a cluster, which are looked at first.
+
+    Raises:
+        ConfigError: Both are given.
+        PepperError: The cluster cannot be used.
+    """
+    if cluster is None:
+        yield workers or -1
+        return
+    if workers is not None:
+        raise ConfigError(
+            "option '--workers': with '--cluster' all workers of the cluster work; leave it out"
+        )
+    from pepper_driver.config.cluster import connected  # slow to import, for commands without it
+
+    with connected(cluster, waiting=console.print) as found:
+        console.print(str(found))
+        yield found
 
 
 def check_outputs(*paths: Path | None) -> None:

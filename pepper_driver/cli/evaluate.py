@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -12,17 +13,20 @@ from rich.console import Console
 from rich.table import Table
 
 from pepper_driver.cli.console import (
+    ClusterOption,
     JsonOption,
     WorkersOption,
     check_outputs,
+    chosen_workers,
     make_console,
     make_progress,
     save_json,
 )
 from pepper_driver.config import ConfigError, load_robot
+from pepper_driver.config.cluster import Cluster
 from pepper_driver.config.evaluation import load_evaluation
 from pepper_driver.config.file_lock import lock_file, lock_folder
-from pepper_driver.config.files import make_folder
+from pepper_driver.config.files import check_same, file_hash, make_folder
 from pepper_driver.evaluation.episodes import DEFAULT_CACHE
 from pepper_driver.evaluation.evaluate import QUICK, evaluate, log_jobs, suite_jobs
 from pepper_driver.evaluation.figures import check_plotting
@@ -60,6 +64,7 @@ def evaluate_command(
         ),
     ] = None,
     workers: WorkersOption = None,
+    cluster: ClusterOption = None,
     json_file: JsonOption = None,
     report: Annotated[
         Path | None,
@@ -69,7 +74,10 @@ def evaluate_command(
     ] = None,
     cache: Annotated[
         Path,
-        typer.Option(metavar="DIR", help="Keep the runs here, and take those that are here."),
+        typer.Option(
+            metavar="DIR",
+            help="Keep the runs here, and take those that are here; on a cluster, on the machine of each worker.",
+        ),
     ] = DEFAULT_CACHE,
     quick: Annotated[
         bool, typer.Option("--quick", help="Few and short runs: to try, not to quote.")
@@ -108,17 +116,20 @@ def evaluate_command(
         suites = _names(suite or "")
         suites = frozen.names if ALL in suites else suites
         jobs = suite_jobs(frozen, suites, robot, quick=quick, cache=cache)
-    with ExitStack() as locks:
+    with ExitStack() as opened:
         if frozen is not None:
-            locks.enter_context(lock_folder(cache))
+            opened.enter_context(lock_folder(cache))
         if report is not None:
-            locks.enter_context(lock_file(report))
+            opened.enter_context(lock_file(report))
+        pool = opened.enter_context(chosen_workers(workers, cluster, console))
+        if isinstance(pool, Cluster):
+            _check_files(pool, cache if frozen is not None else None, [*(models or []), *logs])
         with make_progress(console, count=True) as progress:
             bar = progress.add_task("evaluating", total=len(jobs))
             result = evaluate(
                 jobs,
                 chosen,
-                workers=workers or -1,
+                workers=pool,
                 digest=None if frozen is None else frozen.digest,
                 fraction=QUICK if quick and frozen is not None else 1.0,
                 progress=lambda done, _: progress.update(bar, completed=done),
@@ -132,6 +143,14 @@ def evaluate_command(
             write_report(result, report, robot, command)
             console.print(f"report: {report}")
         return 1 if result.failures else 0
+
+
+def _check_files(cluster: Cluster, cache: Path | None, files: Sequence[Path]) -> None:
+    """See that each worker can keep episodes, and reads the same files as this process."""
+    if cache is not None:
+        cluster.check(partial(make_folder, cache), "give '--cache' a folder that each can write")
+    hashes = {path: file_hash(path) for path in files}
+    cluster.check(partial(check_same, hashes), "put it into a folder that all machines share")
 
 
 def _names(text: str) -> tuple[str, ...]:

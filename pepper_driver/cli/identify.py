@@ -13,9 +13,11 @@ from rich.console import Console
 from rich.table import Table
 
 from pepper_driver.cli.console import (
+    ClusterOption,
     JsonOption,
     WorkersOption,
     check_outputs,
+    chosen_workers,
     duration_text,
     make_console,
     make_progress,
@@ -167,6 +169,7 @@ def identify(
         ),
     ] = None,
     workers: WorkersOption = None,
+    cluster: ClusterOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Drive joints in free motion, fit an expected-error model to each, write the model file."""
@@ -186,25 +189,28 @@ def identify(
         chosen = load_experiment(experiment or EXPERIMENT, robot)
         named = None if joints is None else [name.strip() for name in joints.split(",")]
         full, tested = chosen_joints(robot, chosen, named, mirror=mirror, share_types=share_types)
-        body = calibration or CALIBRATION
-        with _resumable(folder, console), _progress(console) as (progress, confirm):
-            record_joints(
-                backend or BACKEND,
-                full,
-                chosen,
-                folder,
-                tested=tested,
-                calibration=None if body == NO_CALIBRATION else load_experiment(body, robot),
-                seed=chosen.seed if seed is None else seed,
-                workers=workers or -1,
-                confirm=None if yes else confirm,
-                progress=progress,
-            )
-    read_manifest(folder)  # where it is missing, that is the one line
-    if not console.is_terminal:  # where a status shows nothing
-        console.print("fitting models")
-    with console.status("fitting models"):
-        result = fit_folder(folder, kind, mirror=mirror, share_types=share_types)
+        name = calibration or CALIBRATION
+        body = None if name == NO_CALIBRATION else load_experiment(name, robot)
+    with chosen_workers(workers, cluster, console) as pool:
+        if not fit_only:
+            with _resumable(folder, console), _progress(console) as (progress, confirm):
+                record_joints(
+                    backend or BACKEND,
+                    full,
+                    chosen,
+                    folder,
+                    tested=tested,
+                    calibration=body,
+                    seed=chosen.seed if seed is None else seed,
+                    workers=pool,
+                    confirm=None if yes else confirm,
+                    progress=progress,
+                )
+        read_manifest(folder)  # where it is missing, that is the one line
+        if not console.is_terminal:  # where a status shows nothing
+            console.print("fitting models")
+        with console.status("fitting models"):
+            result = fit_folder(folder, kind, mirror=mirror, share_types=share_types, workers=pool)
     result.models.save(out)
     print_fits(console, result)
     console.print(f"models: {out}; recordings: {folder}")

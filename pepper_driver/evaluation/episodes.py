@@ -28,7 +28,7 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.evaluation import SuiteRun
 from pepper_driver.config.files import content_hash, make_folder, replacing, write_json
 from pepper_driver.config.loading import package_file
-from pepper_driver.config.workers import run_jobs
+from pepper_driver.config.workers import Workers, run_jobs
 from pepper_driver.controller import Tick
 from pepper_driver.experiments.plan import plan_experiment
 from pepper_driver.observer import KnownPush, Observation, Recording, RecordingBuilder
@@ -218,7 +218,7 @@ def _folder(run: SuiteRun, pepper: Pepper, cache: Path) -> Path:
 def episodes(
     runs: Sequence[SuiteRun],
     *,
-    workers: int = -1,
+    workers: Workers = -1,
     cache: Path | None = DEFAULT_CACHE,
     progress: Callable[[int, int], None] | None = None,
 ) -> Iterator[Episode | FailedEpisode]:
@@ -226,7 +226,7 @@ def episodes(
 
     Args:
         runs: Of one suite or several.
-        workers: Processes; -1 for one per core.
+        workers: Processes, -1 for one per core; or a cluster.
         cache: See :func:`perform`.
         progress: Called with (runs done, runs in all) after each.
     """

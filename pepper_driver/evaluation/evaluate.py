@@ -16,7 +16,7 @@ import numpy as np
 from pepper_driver.backends.replay import parents_in
 from pepper_driver.config import PepperError, RobotConfig, load_robot
 from pepper_driver.config.evaluation import EvaluationSuites, SuiteRun
-from pepper_driver.config.workers import run_jobs
+from pepper_driver.config.workers import Workers, run_jobs
 from pepper_driver.evaluation.episode_score import (
     FASTEST_ESTIMATION,
     EpisodeScore,
@@ -171,7 +171,7 @@ def evaluate(
     jobs: Sequence[Job],
     contestants: ObserversUnderTest,
     *,
-    workers: int = -1,
+    workers: Workers = -1,
     digest: str | None = None,
     fraction: float = 1.0,
     progress: Progress | None = None,
@@ -183,7 +183,7 @@ def evaluate(
     Args:
         jobs: The episodes.
         contestants: The observers.
-        workers: Processes; -1 for one per core.
+        workers: Processes, -1 for one per core; or a cluster.
         digest: Of the frozen suites that the episodes are of; None for recordings.
         fraction: Of the suites that the episodes are.
         progress: Called after each episode.

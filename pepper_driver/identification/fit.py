@@ -10,6 +10,7 @@ import numpy as np
 
 from pepper_driver.config import PlantConfig, RobotConfig, load_observer_settings
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.workers import Workers
 from pepper_driver.identification.dataset import (
     IdentificationDataset,
     JointDataset,
@@ -140,6 +141,7 @@ def fit_models(
     *,
     mirror: bool = True,
     share_types: bool = False,
+    workers: Workers = -1,
 ) -> FittedModels:
     """Fit a model to each joint.
 
@@ -149,12 +151,15 @@ def fit_models(
         robot: Its description.
         mirror: Also models of the other side, from the recordings seen in a mirror.
         share_types: One model per motor type, that of the joint which :func:`model_sources` names.
+        workers: Processes for models of kind ``fusion``, -1 for one per core; or a cluster.
 
     Raises:
         FittingError: Recordings that determine nothing.
     """
     if kind == "fusion":
-        return _fit_fusion(recordings, robot, mirror=mirror, share_types=share_types)
+        return _fit_fusion(
+            recordings, robot, mirror=mirror, share_types=share_types, workers=workers
+        )
     window = load_observer_settings().median_window
     sources = model_sources(recordings, robot, mirror=mirror) if share_types else {}
     fitted = FittedModels({}, {}, {})
@@ -183,7 +188,12 @@ def fit_one(
 
 
 def _fit_fusion(
-    recordings: IdentificationDataset, robot: RobotConfig, *, mirror: bool, share_types: bool
+    recordings: IdentificationDataset,
+    robot: RobotConfig,
+    *,
+    mirror: bool,
+    share_types: bool,
+    workers: Workers,
 ) -> FittedModels:
     """Fusion models; their thresholds are chosen on the calibration runs or, without these, on the test runs."""
     sources = model_sources(recordings, robot, mirror=mirror) if share_types else {}
@@ -200,6 +210,7 @@ def _fit_fusion(
         {entry.joint: sources[entry.joint] for entry in entries if entry not in own},
         recordings.calibration or [entry.test for entry in entries],
         window=load_observer_settings().fusion_window,
+        workers=workers,
     )
     fits = {}
     for entry in entries:

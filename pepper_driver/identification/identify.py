@@ -21,7 +21,8 @@ from pepper_driver.config import (
     load_robot,
 )
 from pepper_driver.config.file_lock import lock_folder
-from pepper_driver.config.workers import run_jobs
+from pepper_driver.config.files import write_bytes
+from pepper_driver.config.workers import Workers, run_jobs
 from pepper_driver.experiments.plan import experiment_uri
 from pepper_driver.identification.dataset import (
     IdentificationDataset,
@@ -68,7 +69,8 @@ def record_missing(
     *,
     real_time: bool,
     takes_seed: bool,
-    workers: int = -1,
+    identity: str,
+    workers: Workers = -1,
     confirm: Confirm | None = None,
     progress: Progress | None = None,
 ) -> None:
@@ -85,7 +87,8 @@ def record_missing(
         robot: Its description.
         real_time: True for a real robot.
         takes_seed: True where the URI takes a seed of the noise.
-        workers: Processes for simulated runs and dry runs; -1 for one per core.
+        identity: Of the simulated robot, which is to be the same in each process.
+        workers: Processes for simulated runs and dry runs, -1 for one per core; or a cluster.
         confirm: Asked before each run of a real robot in which legs or base move.
         progress: Called with the progress.
 
@@ -104,8 +107,9 @@ def record_missing(
     if not real_time:
         report_progress("recording in simulation", done, total)
         uris = [seeded_uri(uri, run) if takes_seed else uri for run in todo]
-        jobs = (partial(_make, uri, run, folder) for uri, run in zip(uris, todo, strict=True))
-        for run in run_jobs(jobs, workers=workers, ordered=False):
+        jobs = (partial(_make, uri, run, identity) for uri, run in zip(uris, todo, strict=True))
+        for run, recording in run_jobs(jobs, workers=workers, ordered=False):
+            write_bytes(recording_path(folder, run.name), recording)
             done += run.seconds
             report_progress(f"recording in simulation: {run.name}", done, total)
         return
@@ -124,14 +128,13 @@ def record_missing(
         report_progress(run.name, done, total)
 
 
-def _make(uri: str, run: IdentificationRun, folder: Path) -> IdentificationRun:
-    """Perform one run and keep it; returns the run."""
-    perform(uri, run).save(recording_path(folder, run.name))
-    return run
+def _make(uri: str, run: IdentificationRun, identity: str) -> tuple[IdentificationRun, bytes]:
+    """Perform one run; returns it with the content of its file, which is written where the folder is."""
+    return run, perform(uri, run, identity=identity).as_bytes()
 
 
 def _dry_run_all(
-    runs: Sequence[IdentificationRun], workers: int, report_progress: Progress
+    runs: Sequence[IdentificationRun], workers: Workers, report_progress: Progress
 ) -> None:
     total, done = sum(run.seconds for run in runs), 0.0
     report_progress("dry run", done, total)
@@ -230,7 +233,7 @@ def record_joints(
     tested: Sequence[str] = (),
     calibration: Experiment | None = None,
     seed: int = 0,
-    workers: int = -1,
+    workers: Workers = -1,
     confirm: Confirm | None = None,
     progress: Progress | None = None,
 ) -> IdentificationDataset:
@@ -244,7 +247,7 @@ def record_joints(
         tested: Joints with a test run only.
         calibration: Free motion of the whole body; None for none.
         seed: Root of the random motion and noise.
-        workers: Processes for simulated runs; -1 for one per core.
+        workers: Processes for simulated runs, -1 for one per core; or a cluster.
         confirm: Asked before each run of a real robot in which legs or base move.
         progress: Called with the progress.
 
@@ -266,6 +269,7 @@ def record_joints(
             robot,
             real_time=backend.real_time,
             takes_seed="seed" in backend.info.capabilities,
+            identity=backend.info.identity,
             workers=workers,
             confirm=confirm,
             progress=progress,
@@ -287,7 +291,12 @@ def _check_plant(experiment: Experiment, calibration: Experiment | None) -> None
 
 
 def fit_folder(
-    folder: Path, kind: ModelKind, *, mirror: bool = True, share_types: bool = False
+    folder: Path,
+    kind: ModelKind,
+    *,
+    mirror: bool = True,
+    share_types: bool = False,
+    workers: Workers = -1,
 ) -> Identification:
     """Fit models to the recordings in a folder; no robot is needed.
 
@@ -296,6 +305,7 @@ def fit_folder(
         kind: Of the models.
         mirror: Also models of the other side, from the recordings seen in a mirror.
         share_types: One model per motor type.
+        workers: Processes, -1 for one per core; or a cluster.
 
     Raises:
         PepperError: Recordings that are missing, damaged, of another robot, or determine nothing.
@@ -303,7 +313,9 @@ def fit_folder(
     robot = load_robot()
     manifest, recordings = read_manifest(folder), load_recordings(folder, robot)
     share_types = share_types or bool(manifest.tested)
-    fitted = fit_models(kind, recordings, robot, mirror=mirror, share_types=share_types)
+    fitted = fit_models(
+        kind, recordings, robot, mirror=mirror, share_types=share_types, workers=workers
+    )
     fits: dict[str, dict[str, FitScore[float]]] = {kind: fitted.fits}
     for other in TREE_TYPES:
         if other != kind:
@@ -373,7 +385,7 @@ def identify_joints(
     kind: ModelKind,
     *,
     seed: int = 0,
-    workers: int = -1,
+    workers: Workers = -1,
     progress: Progress | None = None,
 ) -> Identification:
     """Record free motion of these joints and fit a model of ``kind`` to each; the recordings are not kept.
@@ -386,4 +398,4 @@ def identify_joints(
         record_joints(
             uri, joints, experiment, folder, seed=seed, workers=workers, progress=progress
         )
-        return fit_folder(folder, kind, mirror=False)
+        return fit_folder(folder, kind, mirror=False, workers=workers)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -17,6 +18,7 @@ from pepper_driver.config import (
     RobotConfig,
     load_robot,
 )
+from pepper_driver.config.passwords import without_secrets
 from pepper_driver.config.steps import Sweeps
 from pepper_driver.controller import Tick
 from pepper_driver.experiments.plan import plan_experiment
@@ -179,21 +181,32 @@ def sweeps_of(experiment: Experiment) -> Sweeps:
 
 
 def perform(
-    uri: str, run: IdentificationRun, *, on_progress: Callable[[float], None] | None = None
+    uri: str,
+    run: IdentificationRun,
+    *,
+    identity: str | None = None,
+    on_progress: Callable[[float], None] | None = None,
 ) -> Recording:
     """Have a robot perform a run. However it ends, the robot is stopped safely.
 
     Args:
         uri: The backend.
         run: What to do.
+        identity: Of the robot that is expected; None for any.
         on_progress: Called with the fraction of the time that has passed, 0..1.
 
     Raises:
+        ConfigError: It is another robot than is expected.
         PepperError: The robot refuses, or the safety gate stopped it.
     """
     robot = load_robot()
     builder = RecordingBuilder(robot)
     pepper = Pepper(uri, observer=None, robot=robot)
+    if identity is not None and pepper.backend.info.identity != identity:
+        raise ConfigError(
+            f"backend '{without_secrets(uri)}' is another robot on {platform.node()} than at the beginning: a file of "
+            "its plant differs there, or was changed"
+        )
     plan = plan_experiment(run.experiment, robot, pepper.backend, seed=run.seed)
     with pepper:
         pepper.play(

@@ -155,7 +155,7 @@ def test_ctrl_c_keeps_finished_runs_and_says_how_to_go_on(tmp_path: Path) -> Non
 def test_other_signals_keep_finished_runs_too(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def terminated_in_the_second(uri: str, run: IdentificationRun) -> Recording:
+    def terminated_in_the_second(uri: str, run: IdentificationRun, *, identity: str) -> Recording:
         if run.name != "HeadPitch-1":
             signal.raise_signal(signal.SIGTERM)
         return perform(uri, run)

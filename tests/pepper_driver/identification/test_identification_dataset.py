@@ -51,13 +51,13 @@ def test_an_interrupted_recording_goes_on_and_ends_with_the_same_bytes(
     folder, done = tmp_path / "new", []
     driven = [f"{JOINT}-test", "calibration-4"]
 
-    def third_time_interrupted(uri: str, run: IdentificationRun) -> Recording:
+    def third_time_interrupted(uri: str, run: IdentificationRun, *, identity: str) -> Recording:
         """Drive the robot for the first and the last run after the interruption; of the others it is known."""
         done.append(run.name)
         if len(done) == 3:
             raise KeyboardInterrupt
         if run.name in driven:
-            return perform(uri, run)
+            return perform(uri, run, identity=identity)
         return Recording.load(whole / f"{run.name}.npz", ROBOT)
 
     body = short_body()
