@@ -517,7 +517,7 @@ class FusionGenerator:
             self._reconcile_hands(use, detail)
             self._learn_hands(use, prediction, residual)
         if self._count % LEARN_PERIOD == 0:
-            other = 0.0 if self._hands is None else self._hands.variance()
+            other = np.zeros(n) if self._hands is None else self._hands.variance()
             self._adaptation.update(residual, self._effects(prediction), other, quiet)
             self._predictor.adopt(self._adaptation.deviation)
 

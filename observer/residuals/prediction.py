@@ -181,7 +181,7 @@ class ErrorPredictor:
     @property
     def model_velocity(self) -> FloatArray:
         """(n,) speed of the stick-slip models [rad/s]."""
-        return self._models.states["velocity"]
+        return self._models.states["velocity"].copy()
 
     def step(
         self,
