@@ -196,7 +196,10 @@ def test_a_touch_takes_nothing_of_what_was_learned_before() -> None:
     target = envelope()
     learn_blocks(target, [0.1] * BLOCKS_PER_RANK)
     target.touched()
-    assert (target.envelopes["bound"][0], target.envelopes["known"][0]) == (pytest.approx(ENVELOPE_FACTOR * 0.1), 1.0)
+    assert (target.envelopes["bound"][0], target.envelopes["known"][0]) == (
+        pytest.approx(ENVELOPE_FACTOR * 0.1),
+        1.0,
+    )
 
 
 def test_joints_that_cannot_be_judged_disturb_no_other() -> None:
@@ -207,7 +210,9 @@ def test_joints_that_cannot_be_judged_disturb_no_other() -> None:
     # Nor does it matter later that there was nothing.
     for _ in range(2 * BLOCK_TICKS):
         target.learn(np.array([0.2, 0.1]), np.array([True, True]), np.array([True, True]))
-    np.testing.assert_allclose(target.envelopes["bound"], [ENVELOPE_FACTOR * 0.2, ENVELOPE_FACTOR * 0.1])
+    np.testing.assert_allclose(
+        target.envelopes["bound"], [ENVELOPE_FACTOR * 0.2, ENVELOPE_FACTOR * 0.1]
+    )
 
 
 def test_reset_forgets() -> None:
