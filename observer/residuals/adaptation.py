@@ -19,6 +19,7 @@ from pepper_driver.config.kernels import Block, Matrix, Out, kernel
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.observer.interface import HandLoad
 from pepper_driver.observer.models.fusion_model import FusionModel
+from pepper_driver.observer.models.payload import PayloadRegressor
 from pepper_driver.observer.models.stick_slip import StickSlipParameters
 
 PRIOR_STD = np.array([0.25, 0.25, 0.1, 1.0])
@@ -353,13 +354,13 @@ class HandLoads:
         uncertainty: float = LOAD_UNCERTAINTY,
     ) -> None:
         self._uncertainty = uncertainty
-        self._model = RobotModel(robot)
-        self._arms, self._wrists = [], []
+        self._arms, wrists = [], []
         for chain, joints in robot.chains.items():
             if joints[-1] in robot.hands.joints:
                 wrist = next(joint for joint in reversed(joints) if joint not in robot.hands.joints)
                 self._arms.append(chain)
-                self._wrists.append(self._model.joint_id(wrist))
+                wrists.append(wrist)
+        self._payloads = PayloadRegressor(RobotModel(robot), wrists)
         # The integral of a motor board cancels the droop of a load, and its value at the start is unknown.
         shows_load = [m is not None and m.twin.integral_rate == 0.0 for m in models]
         gain = np.array([0.0 if m is None else m.twin.load_gain for m in models])
@@ -368,7 +369,7 @@ class HandLoads:
         self._noise = MIN_NOISE + (FRICTION_UNCERTAINTY * friction) ** 2
         breakaway = np.array([1.0 if m is None else m.twin.breakaway for m in models])
         self._friction = breakaway * friction
-        arms = len(self._wrists)
+        arms = len(wrists)
         self._prior = np.tile(LOAD_PRIOR_STD, arms)
         self._process_noise = np.tile(process_noise, arms) ** 2 * LEARN_PERIOD * robot.cycle / 60.0
         self._load_torque, self._load_variance = _load_torque.load(), _load_variance.load()
@@ -394,13 +395,10 @@ class HandLoads:
             acceleration: (n,) desired [rad/s2].
         """
         if self._ticks % ARM_CHECK_TICKS == 0:
-            with np.errstate(all="ignore"):
-                regressor = self._model.payload_regressor(
-                    self._wrists, position, velocity, acceleration
-                )
-                # Only bad samples give values that are not finite or larger than an arm allows.
-                if np.abs(regressor).max() < MAX_EFFECT:
-                    self._regressor = np.ascontiguousarray(regressor)
+            regressor = self._payloads.compute(position, velocity, acceleration)
+            # Only bad samples give values that are not finite or larger than an arm allows.
+            if np.abs(regressor).max() < MAX_EFFECT:
+                self._regressor = regressor
         self._ticks += 1
         torque = np.empty(len(position))
         self._load_torque(self._regressor, self._load, torque)
