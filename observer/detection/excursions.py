@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -160,7 +159,8 @@ class JointMonitor:
     ) -> None:
         self._joint = joint
         self._settles = settles
-        self._recent: deque[tuple[float, float]] = deque()
+        self._constant_since: float | None = None
+        self._lowest = self._highest = 0.0
         self._settling_until = -1.0
         self.settled = False
         self._merge_gap = settings.merge_gap + TIME_TOLERANCE
@@ -240,7 +240,7 @@ class JointMonitor:
         self._previous_sign = excursion.sign
         self._previous_fall = fall_time
         self.excursion = None
-        self._recent.clear()
+        self._constant_since = None
         self.settled = True
         if self._settles:
             self._settling_until = time + SETTLING_TIME
@@ -249,17 +249,18 @@ class JointMonitor:
         self, current: Excursion, time: float, residual: float, threshold: float, band: float
     ) -> bool:
         """Return True if friction alone holds the joint away from its target."""
-        recent, spread = self._recent, STUCK_SPREAD * threshold
         # Friction alone cannot hold a larger residual: a hand does.
         if current.fall_time is not None or abs(residual) > band:
-            recent.clear()
+            self._constant_since = None
             return False
-        recent.append((time, residual))
-        for _, value in recent:
-            if abs(value - residual) > spread:
-                recent.clear()
-                return False
-        constant_time = time - recent[0][0] + TIME_TOLERANCE
+        if self._constant_since is None:
+            self._constant_since = time
+            self._lowest = self._highest = residual
+        self._lowest, self._highest = min(self._lowest, residual), max(self._highest, residual)
+        if max(self._highest - residual, residual - self._lowest) > STUCK_SPREAD * threshold:
+            self._constant_since = None
+            return False
+        constant_time = time - self._constant_since + TIME_TOLERANCE
         fallen = abs(residual) < STUCK_RATIO * current.peak
         return constant_time >= (STUCK_TIME if fallen else MAX_STUCK_TIME)
 
@@ -267,5 +268,5 @@ class JointMonitor:
         """Forget everything."""
         self.excursion = None
         self._previous_sign = 0
-        self._recent.clear()
+        self._constant_since = None
         self._settling_until = -1.0
