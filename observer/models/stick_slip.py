@@ -154,6 +154,19 @@ def step_stick_slip(
 
 
 @kernel
+def beyond_friction(
+    constants: Records[StickSlipParameters], j: int, error: float, load: float
+) -> float:
+    """Return the part of the error of a joint at rest that its friction cannot hold under a load, all [rad].
+
+    The integral of the motor board is taken as zero.
+    """
+    p = constants[j]
+    friction = p.friction + p.load_friction * abs(load)
+    return beyond(beyond(error, p.dead_band) - load, p.breakaway * friction)
+
+
+@kernel
 def _step(
     constants: Records[StickSlipParameters],
     states: Out[Records[StickSlipState]],
@@ -209,7 +222,7 @@ class StickSlipModel:
         cycle: Period of the ticks [s].
 
     Attributes:
-        constants: They may be changed between two steps.
+        constants: The same; they may be changed between two steps.
         states: States after the last step.
     """
 
@@ -270,18 +283,6 @@ class StickSlipModel:
         columns = np.ascontiguousarray(target), np.ascontiguousarray(load_torque)
         self._play(self.constants, joint, *columns, self._cycle, history)
         return history
-
-    def beyond_friction(self, error: FloatArray, load: FloatArray) -> FloatArray:
-        """Return the part of the error of joints at rest that their friction cannot hold under a load, all [rad].
-
-        The integrals of the motor boards are taken as zero.
-        """
-        p = self.constants
-        band = p["dead_band"]
-        drive = error - np.minimum(np.maximum(error, -band), band) - load
-        held = p["breakaway"] * (p["friction"] + p["load_friction"] * np.abs(load))
-        beyond_friction: FloatArray = drive - np.minimum(np.maximum(drive, -held), held)
-        return beyond_friction
 
     def put(
         self, where: BoolArray, position: FloatArray, velocity: FloatArray, integral: FloatArray

@@ -9,12 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.config.kernels import Out, Records, kernel, make_records
+from pepper_driver.config.kernels import Matrix, Out, Records, kernel, make_records
 from pepper_driver.observer.detection.threshold import REST_SPEED
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.stick_slip import (
     StickSlipModel,
+    StickSlipParameters,
     StickSlipState,
+    beyond_friction,
     stick_slip_constants,
 )
 from pepper_driver.observer.models.tree import BatchedTrees
@@ -127,6 +129,40 @@ def _friction_band(
             band[j] = 0.0
 
 
+@kernel
+def _beyond_friction(
+    joints: Records[PredictedJoint],
+    constants: Records[StickSlipParameters],
+    target: FloatArray,
+    load_torque: FloatArray,
+    remainder: FloatArray,
+    measured: FloatArray,
+    beyond: Out[FloatArray],
+) -> None:
+    for j in range(len(beyond)):
+        error = target[j] - measured[j] - remainder[j]
+        load = joints[j].load_gain * load_torque[j] * joints[j].load_factor + constants[j].offset
+        beyond[j] = beyond_friction(constants, j, error, load)
+
+
+@kernel
+def _adopt(
+    joints: Out[Records[PredictedJoint]],
+    identified: Records[StickSlipParameters],
+    adapted: Out[Records[StickSlipParameters]],
+    deviation: Matrix[FloatArray],
+) -> None:
+    for j in range(len(joints)):
+        joint, p = joints[j], adapted[j]
+        friction, lag, load, offset = deviation[j]
+        joint.load_factor, joint.extra_load = 1.0 + load, offset * OFFSET_UNIT
+        # At least a fifth of the identified values: both must stay positive.
+        p.friction = identified[j].friction * max(1.0 + friction, 0.2)
+        p.lag = identified[j].lag * max(1.0 + lag, 0.2)
+        p.load_gain = identified[j].load_gain * joint.load_factor
+        p.offset = identified[j].offset + joint.extra_load
+
+
 class ErrorPredictor:
     """Predictor of tracking errors: it steps the stick-slip models and corrects them by measurements of free joints.
 
@@ -148,7 +184,7 @@ class ErrorPredictor:
                 for m in models
             ]
         )
-        self._models = StickSlipModel(self.identified, cycle)
+        self._models = StickSlipModel(self.identified.copy(), cycle)
         self._remainders = BatchedTrees([None if m is None else m.remainder for m in models])
         self._correction = cycle / REST_CORRECTION_TIME
         p = self.identified
@@ -164,6 +200,7 @@ class ErrorPredictor:
             integral_rate=p["integral_rate"],
         )
         self._rest, self._friction_band = _rest.load(), _friction_band.load()
+        self._beyond_friction, self._adopt = _beyond_friction.load(), _adopt.load()
         self.reset()
 
     def reset(self) -> None:
@@ -244,11 +281,17 @@ class ErrorPredictor:
 
     def beyond_friction(self, prediction: Prediction, measured: FloatArray) -> FloatArray:
         """Return the (n,) part of the tracking error of joints at rest that friction cannot hold [rad]."""
-        error = prediction.target - measured - prediction.remainder
-        load = self.joints["load_gain"] * prediction.load_torque
-        return self._models.beyond_friction(
-            error, load * self.joints["load_factor"] + self._models.constants["offset"]
+        beyond = np.empty(len(measured))
+        self._beyond_friction(
+            self.joints,
+            self._models.constants,
+            prediction.target,
+            prediction.load_torque,
+            prediction.remainder,
+            measured,
+            beyond,
         )
+        return beyond
 
     def rest(self, where: BoolArray, residual: FloatArray) -> None:
         """Move the models of joints (n,) at rest without touch slowly by their residual (n,) [rad]."""
@@ -271,12 +314,4 @@ class ErrorPredictor:
 
     def adopt(self, deviation: FloatArray) -> None:
         """Set the adapted constants of the stick-slip models: (n, 4) deviations of ``Adaptation``."""
-        p, adapted, joints = self.identified, self.identified.copy(), self.joints
-        joints["load_factor"] = 1.0 + deviation[:, 2]
-        joints["extra_load"] = deviation[:, 3] * OFFSET_UNIT
-        # At least a fifth of the identified values: both must stay positive.
-        adapted["friction"] = p["friction"] * np.maximum(1.0 + deviation[:, 0], 0.2)
-        adapted["lag"] = p["lag"] * np.maximum(1.0 + deviation[:, 1], 0.2)
-        adapted["load_gain"] = p["load_gain"] * joints["load_factor"]
-        adapted["offset"] = p["offset"] + joints["extra_load"]
-        self._models.constants = adapted
+        self._adopt(self.joints, self.identified, self._models.constants, deviation)

@@ -17,6 +17,8 @@ from pepper_driver.observer.models.stick_slip import (
     StickSlipError,
     StickSlipModel,
     StickSlipParameters,
+    beyond_friction,
+    stick_slip_constants,
 )
 from support.examples import examples
 from support.fusion import STICK_SLIP, Motion, drive, swing
@@ -192,15 +194,14 @@ def test_what_friction_cannot_hold_is_what_would_move_a_model(
     error: float, load: float, changes: dict[str, float]
 ) -> None:
     parameters = replace(STICK_SLIP, **changes)
-    model = StickSlipModel.from_parameters([parameters], CYCLE)
+    constants = stick_slip_constants([parameters])
     load_angle = parameters.load_gain * load + parameters.offset
-    [beyond] = model.beyond_friction(np.array([error]), np.array([load_angle]))
+    beyond = beyond_friction(constants, 0, error, load_angle)
     [at] = play(parameters, np.array([error, error]), load, start=0.0)[-1:]
     assert (beyond == 0.0) == (at == 0.0)
     assert beyond * at >= 0.0
     if beyond and not parameters.dead_band:  # less error by so much, and friction can just hold it
-        [left] = model.beyond_friction(np.array([error - beyond]), np.array([load_angle]))
-        assert abs(left) < 1e-12
+        assert abs(beyond_friction(constants, 0, error - beyond, load_angle)) < 1e-12
 
 
 def test_friction_is_what_holds_it_and_opposes_motion() -> None:
