@@ -10,10 +10,36 @@ import numpy as np
 from pepper_driver.config import ObserverSettings
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_selector import Kind
+from pepper_driver.config.kernels import Matrix, kernel
 from pepper_driver.observer.interface import JointState
 
 ONSET_LEVEL = 1.0 / 3.0
 """Fraction of the threshold below which the residual counts as free."""
+
+
+@kernel
+def _onset(
+    residual: Matrix[FloatArray],
+    time: FloatArray,
+    count: int,
+    window: int,
+    joint: int,
+    sign: int,
+    threshold: float,
+) -> float:
+    """Find the onset in rings of samples, of which ``count`` were taken in; see ``ResidualHistory.onset``."""
+    rows = len(time)
+    filled = min(count, rows)
+    oldest, start = count - filled, filled - 1
+    for k in range(max(filled - window, 0), filled):
+        if sign * residual[(oldest + k) % rows, joint] > threshold:
+            start = k
+            break
+    # NaN, a blind sample, ends the search.
+    level = ONSET_LEVEL * threshold
+    while start > 0 and sign * residual[(oldest + start - 1) % rows, joint] >= level:
+        start -= 1
+    return time[(oldest + start) % rows]
 
 
 class ResidualHistory:
@@ -32,6 +58,7 @@ class ResidualHistory:
         self._residual = np.zeros((window + lookback, width + 1))
         self._time = np.zeros(window + lookback)
         self._count = 0
+        self._onset = _onset.load()
 
     def append(self, time: float, residual: FloatArray, base: float) -> None:
         """Take in one tick.
@@ -59,16 +86,9 @@ class ResidualHistory:
             sign: Side of the excursion: sign of the residual.
             threshold: Threshold that it has exceeded in this tick [rad].
         """
-        filled = min(self._count, len(self._time))
-        rows = np.arange(self._count - filled, self._count) % len(self._time)
-        rising = sign * self._residual[rows, joint]
-        newest = max(filled - self._window, 0)
-        over = np.flatnonzero(rising[newest:] > threshold)
-        start = newest + int(over[0]) if len(over) else filled - 1
-        # The comparison is negated so that NaN, a blind sample, ends the search.
-        outside = np.flatnonzero(~(rising[:start] >= ONSET_LEVEL * threshold))
-        first = int(outside[-1]) + 1 if len(outside) else 0
-        return float(self._time[rows[first]])
+        return self._onset(
+            self._residual, self._time, self._count, self._window, joint, sign, threshold
+        )
 
     def reset(self) -> None:
         """Forget all samples."""
