@@ -60,8 +60,8 @@ def push_maximum(
         largest[j] = np.maximum(largest[j], sample)
     block[row] = sample
     if row == memory - 1:
-        return largest[j]
-    return np.maximum(largest[j], tail[row + 1])
+        return float(largest[j])
+    return float(np.maximum(largest[j], tail[row + 1]))
 
 
 @kernel

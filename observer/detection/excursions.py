@@ -39,7 +39,7 @@ def _onset(
     level = ONSET_LEVEL * threshold
     while start > 0 and sign * residual[(oldest + start - 1) % rows, joint] >= level:
         start -= 1
-    return time[(oldest + start) % rows]
+    return float(time[(oldest + start) % rows])
 
 
 class ResidualHistory:

@@ -78,7 +78,7 @@ def _respond(
             vy += then[i] * response[tap, i, 1]
             wz += then[i] * response[tap, i, 2]
     error[0], error[1], error[2] = error[0] + vx, error[1] + vy, error[2] + wz
-    return max(abs(now[0]), abs(now[1]), abs(now[2]))
+    return float(max(abs(now[0]), abs(now[1]), abs(now[2])))
 
 
 @kernel

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -153,7 +154,8 @@ def _adopt(
     deviation: Matrix[FloatArray],
 ) -> None:
     for j in range(len(joints)):
-        joint, p = joints[j], adapted[j]
+        joint = joints[j]
+        p: Any = adapted[j]  # its class is frozen
         friction, lag, load, offset = deviation[j]
         joint.load_factor, joint.extra_load = 1.0 + load, offset * OFFSET_UNIT
         # At least a fifth of the identified values: both must stay positive.
