@@ -23,6 +23,7 @@ from typing import (
     TYPE_CHECKING,
     Annotated,
     Any,
+    ClassVar,
     Generic,
     ParamSpec,
     TypeVar,
@@ -87,7 +88,7 @@ class Records(Generic[T]):
         @overload
         def __getitem__(self, key: str) -> NDArray[Any]: ...
         def __getitem__(self, key: int | str) -> T | NDArray[Any]: ...
-        def __setitem__(self, key: str, value: object) -> None: ...
+        def __setitem__(self, key: int | str, value: object) -> None: ...
         def __len__(self) -> int: ...
         def copy(self) -> Records[T]:
             """Return a copy."""
@@ -97,7 +98,13 @@ class Records(Generic[T]):
 def record_type(of: type[Any]) -> np.dtype[np.void]:
     """Return the type of an array whose records have the annotated values of a class: float, int or bool."""
     kinds = {float: np.float64, int: np.int64, bool: np.bool_}
-    return np.dtype([(name, kinds[kind]) for name, kind in get_type_hints(of).items()], align=True)
+    hints = {name: kind for name, kind in get_type_hints(of).items() if not _is_of_class(kind)}
+    return np.dtype([(name, kinds[kind]) for name, kind in hints.items()], align=True)
+
+
+def _is_of_class(kind: object) -> bool:
+    """Return True for an annotation of a class variable, which records do not have."""
+    return get_origin(kind) is ClassVar
 
 
 def make_records(of: type[T], count: int, /, **values: object) -> Records[T]:

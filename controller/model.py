@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -242,36 +241,6 @@ class RobotModel:
         """Return the (17,) load torque of a robot at rest at (17,) joint positions [N m]."""
         q = self.configuration(joint_position)
         return self.load_torque(q, self._zero, self._zero)
-
-    def payload_regressor(
-        self,
-        carriers: Sequence[int],
-        position: FloatArray,
-        velocity: FloatArray,
-        acceleration: FloatArray,
-    ) -> FloatArray:
-        """Return the (17, 4 n) load torque of payloads, per mass m [kg] and first moment m c [kg m].
-
-        The torque of a payload is linear in (m, m c_x, m c_y, m c_z), with c in the frame of its link. The inertia
-        about the origin of that frame is neglected.
-
-        Args:
-            carriers: n joints that carry the links with the payloads, as ``joint_id`` numbers them.
-            position: (17,) [rad]; the base is at the origin.
-            velocity: (17,) [rad/s]
-            acceleration: (17,) [rad/s2]
-        """
-        model, data, q = self.pin, self._other_data, self.configuration(position)
-        v, a = np.zeros(self.nv), np.zeros(self.nv)
-        v[self._velocity_columns], a[self._velocity_columns] = velocity, acceleration
-        pin.rnea(model, data, q, v, a)
-        pin.computeJointJacobians(model, data, q)
-        columns = [
-            pin.getJointJacobian(model, data, carrier, pin.LOCAL).T
-            @ pin.jointBodyRegressor(model, data, carrier)[:, :4]
-            for carrier in carriers
-        ]
-        return self.joints_of(np.concatenate(columns, axis=1))
 
     # -- other states -------------------------------------------------------------------------------------------
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pepper_driver.config import ObserverSettings, RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.errors import ArgumentError
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.detection.body_isolation import BodyTracker
 from pepper_driver.observer.detection.chain_isolation import ChainTrackers
@@ -112,6 +113,8 @@ class ContactObserver(Observer):
         self._known_count = np.count_nonzero(self._known)
         self._none_settled = np.zeros(len(no_model), dtype=np.bool_)
         self._window = window
+        # Kernels do not look at the sizes of arrays.
+        self._sizes = (len(robot.joint_names),) * 8 + (len(robot.wheels.names),) * 2
         self.reset()
 
     def reset(self) -> None:
@@ -177,7 +180,13 @@ class ContactObserver(Observer):
         return predict_recording(model, joint, recording)
 
     def step(self, tick: Tick) -> Observation:
-        """Take in one tick; never raises for bad sensor values."""
+        """Take in one tick; never raises for bad sensor values.
+
+        Raises:
+            ArgumentError: An array of the tick has not one value for each joint, or for each wheel.
+        """
+        if _sizes(tick) != self._sizes:
+            raise ArgumentError(f"a tick has arrays of {_sizes(tick)}, not of {self._sizes} values")
         # Events must stay in order when the clock of the robot jumps back, or is NaN after a lost connection.
         if tick.measurement.time > self._time:
             self._time = tick.measurement.time
@@ -212,8 +221,27 @@ class ContactObserver(Observer):
         n = len(no_model)
         states, settled = [JointState.BLIND] * n, [False] * n
         contacts = self._tracker.step(self._time, residuals, states, settled)
-        state = np.array(states, dtype=np.int8)
-        return contacts, state, state == JointState.FREE, np.array(settled)
+        # Of bytes: an array of a list of enumeration members takes three times as long.
+        state = np.frombuffer(bytearray(states), dtype=np.int8)
+        ended = np.array(settled) if any(settled) else self._none_settled
+        return contacts, state, state == JointState.FREE, ended
+
+
+def _sizes(tick: Tick) -> tuple[int, ...]:
+    """Return the sizes of the arrays of a tick."""
+    sent, measurement, reference = tick.sent, tick.measurement, tick.reference
+    return (
+        len(tick.limited),
+        len(sent.position),
+        len(sent.stiffness),
+        len(reference.velocity),
+        len(reference.acceleration),
+        len(reference.load_torque),
+        len(measurement.position),
+        len(measurement.current),
+        len(sent.wheel_speed),
+        len(measurement.wheel_speed),
+    )
 
 
 def _make_generator(

@@ -159,13 +159,20 @@ class BodyTracker:
             [*residuals.friction_band.tolist(), 0.0],
         )
         states, ended = [*state, JointState.BLIND], [*settled, False]
+        idle = True
         for limb in self._limbs.values():
             ratios = []
             for joint, monitor in zip(limb.joints, limb.monitors, strict=True):
+                size = abs(residual[joint])
+                ratio = size / threshold[joint]
+                ratios.append(ratio if ratio == ratio else 0.0)  # 0 for NaN
+                # Most joints: a step would change nothing. NaN compares as False.
+                if size <= threshold[joint] and monitor.idle(time):
+                    states[joint] = JointState.FREE
+                    continue
                 states[joint] = monitor.step(time, residual[joint], threshold[joint], band[joint])
                 ended[joint] = monitor.settled
-                ratio = abs(residual[joint]) / threshold[joint]
-                ratios.append(ratio if ratio == ratio else 0.0)  # 0 for NaN
+                idle = idle and monitor.idle(time)
                 excursion = monitor.excursion
                 if (
                     excursion is not None
@@ -180,10 +187,7 @@ class BodyTracker:
         for limb in self._outer:
             self._update_limb(limb, time, events)
         self._update_trunk(time, events)
-        self._idle = all(
-            limb.contact is None and all(monitor.idle(time) for monitor in limb.monitors)
-            for limb in self._limbs.values()
-        )
+        self._idle = idle and all(limb.contact is None for limb in self._limbs.values())
         return events
 
     def _update_trunk(self, time: float, events: list[Contact]) -> None:
@@ -199,6 +203,8 @@ class BodyTracker:
     def _update_limb(self, limb: _Limb, time: float, events: list[Contact]) -> None:
         """Append the events of one limb."""
         live = limb.live()
+        if not live and limb.contact is None:
+            return
         over = [excursion for excursion in live if excursion.over]
         touching = [excursion for excursion in over if excursion.kind != "rebound"]
         contact = limb.contact

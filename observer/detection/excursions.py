@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -11,10 +10,36 @@ import numpy as np
 from pepper_driver.config import ObserverSettings
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_selector import Kind
+from pepper_driver.config.kernels import Matrix, kernel
 from pepper_driver.observer.interface import JointState
 
 ONSET_LEVEL = 1.0 / 3.0
 """Fraction of the threshold below which the residual counts as free."""
+
+
+@kernel
+def _onset(
+    residual: Matrix[FloatArray],
+    time: FloatArray,
+    count: int,
+    window: int,
+    joint: int,
+    sign: int,
+    threshold: float,
+) -> float:
+    """Find the onset in rings of samples, of which ``count`` were taken in; see ``ResidualHistory.onset``."""
+    rows = len(time)
+    filled = min(count, rows)
+    oldest, start = count - filled, filled - 1
+    for k in range(max(filled - window, 0), filled):
+        if sign * residual[(oldest + k) % rows, joint] > threshold:
+            start = k
+            break
+    # NaN, a blind sample, ends the search.
+    level = ONSET_LEVEL * threshold
+    while start > 0 and sign * residual[(oldest + start - 1) % rows, joint] >= level:
+        start -= 1
+    return float(time[(oldest + start) % rows])
 
 
 class ResidualHistory:
@@ -33,6 +58,7 @@ class ResidualHistory:
         self._residual = np.zeros((window + lookback, width + 1))
         self._time = np.zeros(window + lookback)
         self._count = 0
+        self._onset = _onset.load()
 
     def append(self, time: float, residual: FloatArray, base: float) -> None:
         """Take in one tick.
@@ -60,16 +86,9 @@ class ResidualHistory:
             sign: Side of the excursion: sign of the residual.
             threshold: Threshold that it has exceeded in this tick [rad].
         """
-        filled = min(self._count, len(self._time))
-        rows = np.arange(self._count - filled, self._count) % len(self._time)
-        rising = sign * self._residual[rows, joint]
-        newest = max(filled - self._window, 0)
-        over = np.flatnonzero(rising[newest:] > threshold)
-        start = newest + int(over[0]) if len(over) else filled - 1
-        # The comparison is negated so that NaN, a blind sample, ends the search.
-        outside = np.flatnonzero(~(rising[:start] >= ONSET_LEVEL * threshold))
-        first = int(outside[-1]) + 1 if len(outside) else 0
-        return float(self._time[rows[first]])
+        return self._onset(
+            self._residual, self._time, self._count, self._window, joint, sign, threshold
+        )
 
     def reset(self) -> None:
         """Forget all samples."""
@@ -160,7 +179,8 @@ class JointMonitor:
     ) -> None:
         self._joint = joint
         self._settles = settles
-        self._recent: deque[tuple[float, float]] = deque()
+        self._constant_since: float | None = None
+        self._lowest = self._highest = 0.0
         self._settling_until = -1.0
         self.settled = False
         self._merge_gap = settings.merge_gap + TIME_TOLERANCE
@@ -240,7 +260,7 @@ class JointMonitor:
         self._previous_sign = excursion.sign
         self._previous_fall = fall_time
         self.excursion = None
-        self._recent.clear()
+        self._constant_since = None
         self.settled = True
         if self._settles:
             self._settling_until = time + SETTLING_TIME
@@ -249,17 +269,18 @@ class JointMonitor:
         self, current: Excursion, time: float, residual: float, threshold: float, band: float
     ) -> bool:
         """Return True if friction alone holds the joint away from its target."""
-        recent, spread = self._recent, STUCK_SPREAD * threshold
         # Friction alone cannot hold a larger residual: a hand does.
         if current.fall_time is not None or abs(residual) > band:
-            recent.clear()
+            self._constant_since = None
             return False
-        recent.append((time, residual))
-        for _, value in recent:
-            if abs(value - residual) > spread:
-                recent.clear()
-                return False
-        constant_time = time - recent[0][0] + TIME_TOLERANCE
+        if self._constant_since is None:
+            self._constant_since = time
+            self._lowest = self._highest = residual
+        self._lowest, self._highest = min(self._lowest, residual), max(self._highest, residual)
+        if max(self._highest - residual, residual - self._lowest) > STUCK_SPREAD * threshold:
+            self._constant_since = None
+            return False
+        constant_time = time - self._constant_since + TIME_TOLERANCE
         fallen = abs(residual) < STUCK_RATIO * current.peak
         return constant_time >= (STUCK_TIME if fallen else MAX_STUCK_TIME)
 
@@ -267,5 +288,5 @@ class JointMonitor:
         """Forget everything."""
         self.excursion = None
         self._previous_sign = 0
-        self._recent.clear()
+        self._constant_since = None
         self._settling_until = -1.0

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.kernels import Matrix, Out, Records, kernel, make_records
 from pepper_driver.observer.models.fusion_model import FusionModel
-from pepper_driver.observer.models.tree import FEATURES, BatchedTrees
+from pepper_driver.observer.models.tree import BatchedTrees, TreeNode, TreeRoot, evaluate_tree
 from pepper_driver.observer.running_filters import RunningMaximum
 
 BLOCK_TICKS = 42
@@ -49,6 +52,110 @@ POST_CONTACT_TICKS = 170
 """Ticks after a touch, two seconds, in which friction may still hold a joint away from its target."""
 
 
+class Envelope:
+    """Residual envelope of one joint.
+
+    Attributes:
+        identified: Threshold [rad].
+        start: Factor on it at the start, 1 or more.
+        motion_ticks: Samples in motion so far.
+        known: 0..1, completed fraction of the first motion.
+        block: Largest residual of the present block [rad].
+        samples: Samples in motion in it.
+        previous_block: Largest residual of the block before, which is not stored yet [rad]; NaN without one.
+        block_count: Blocks stored so far.
+        median: Of the stored blocks [rad].
+        bound: [rad]
+        factor: 1 or more, present factor on the identified threshold.
+    """
+
+    identified: float
+    start: float
+    motion_ticks: int
+    known: float
+    block: float
+    samples: int
+    previous_block: float
+    block_count: int
+    median: float
+    bound: float
+    factor: float
+
+
+@kernel
+def _widen(envelopes: Out[Records[Envelope]], j: int) -> None:
+    """Update the factor."""
+    e = envelopes[j]
+    factor = np.maximum(e.start * (1.0 - e.known), e.bound / e.identified)
+    max_factor = MAX_ENVELOPE_FACTOR
+    if e.block_count < BLOCKS_PER_RANK:
+        few_blocks_factor = np.maximum(e.start, FEW_BLOCKS_FACTOR * e.median / e.identified)
+        max_factor = np.minimum(few_blocks_factor, MAX_ENVELOPE_FACTOR)
+    e.factor = np.minimum(np.maximum(factor, 1.0), max_factor)
+
+
+@kernel
+def _keep(envelopes: Out[Records[Envelope]], j: int, stored: Out[Matrix[FloatArray]]) -> None:
+    """Store the previous block: no touch has followed it."""
+    e = envelopes[j]
+    stored[j, e.block_count % MAX_BLOCKS] = e.previous_block
+    e.block_count += 1
+    blocks = min(e.block_count, MAX_BLOCKS)
+    ordered = np.sort(stored[j, :blocks])
+    rank = min(ENVELOPE_RANK, max(blocks // BLOCKS_PER_RANK, 1))
+    e.median = ordered[blocks // 2]
+    e.bound = min(ENVELOPE_FACTOR * ordered[blocks - rank], MEDIAN_FACTOR * e.median)
+
+
+@kernel
+def _learn_motion(envelopes: Out[Records[Envelope]], seen: BoolArray, moving: BoolArray) -> None:
+    """Count the samples of the first motion."""
+    first = False
+    for j in range(len(envelopes)):
+        if seen[j] and moving[j]:
+            first = first or envelopes[j].known < 1.0
+    if not first:
+        return
+    for j in range(len(envelopes)):
+        e = envelopes[j]
+        if seen[j] and moving[j]:
+            e.motion_ticks += 1
+            e.known = min(e.motion_ticks / FIRST_MOTION_TICKS, 1.0)
+        _widen(envelopes, j)
+
+
+@kernel
+def _learn_blocks(
+    envelopes: Out[Records[Envelope]],
+    stored: Out[Matrix[FloatArray]],
+    residual: FloatArray,
+    seen: BoolArray,
+    moving: BoolArray,
+    suspicious: bool,
+) -> None:
+    """Take in residuals; ``suspicious`` shortly after a touch."""
+    for j in range(len(envelopes)):
+        if not seen[j]:
+            continue
+        e = envelopes[j]
+        e.block = max(e.block, abs(residual[j]))
+        if moving[j]:
+            e.samples += 1
+        if e.samples < BLOCK_TICKS:
+            continue
+        # Until the first motion is complete, large blocks are normal: they must count.
+        suspect = (
+            suspicious
+            and e.known == 1.0
+            and e.previous_block > SUSPECT_RATIO * e.factor * e.identified
+        )
+        # One block late: a touch that was detected in the next block would have begun in this one.
+        if not math.isnan(e.previous_block) and not suspect:
+            _keep(envelopes, j, stored)
+            _widen(envelopes, j)
+        e.previous_block, e.block, e.samples = e.block, 0.0, 0
+
+
 class ResidualEnvelope:
     """Residual envelope: ENVELOPE_FACTOR times the ENVELOPE_RANK-th largest residual of the last MAX_BLOCKS blocks.
 
@@ -61,40 +168,36 @@ class ResidualEnvelope:
         start: (n,) factor on them at the start, 1 or more.
 
     Attributes:
-        bound: (n,) [rad].
-        known: (n,) 0..1, completed fraction of the first motion.
-        factor: (n,) 1 or more, present factor on the identified thresholds.
+        envelopes: Of each joint.
     """
 
     def __init__(self, identified: FloatArray, start: FloatArray) -> None:
         self._identified, self._start = identified, start
-        self._largest = np.zeros((len(identified), MAX_BLOCKS))
+        self._stored = np.zeros((len(identified), MAX_BLOCKS))
+        self._learn_motion, self._learn_blocks = _learn_motion.load(), _learn_blocks.load()
         self.reset()
 
     def reset(self) -> None:
         """Forget the session."""
-        width = len(self._identified)
-        self._largest[:] = 0.0
-        self._block_count = np.zeros(width, dtype=np.int64)
-        self._motion_ticks = np.zeros(width, dtype=np.int64)
-        self.bound, self.known = np.zeros(width), np.zeros(width)
-        self._median = np.zeros(width)
-        self.factor = self._start
+        self._stored[:] = 0.0
+        self.envelopes = make_records(
+            Envelope,
+            len(self._identified),
+            identified=self._identified,
+            start=self._start,
+            factor=self._start,
+            previous_block=np.nan,
+        )
         self._post_contact_ticks, self._untouched_ticks = 0, SUSPECT_TICKS
-        self._drop()
-
-    def _drop(self) -> None:
-        """Forget the blocks that may contain the beginning of a touch."""
-        width = len(self._largest)
-        self._block, self._previous_block = np.zeros(width), np.full(width, np.nan)
-        self._samples = np.zeros(width, dtype=np.int64)
 
     def touched(self) -> None:
         """Take in one tick with a touch: the residuals just before it may be its beginning."""
         self._untouched_ticks = 0
         if self._post_contact_ticks < POST_CONTACT_TICKS:
             self._post_contact_ticks = POST_CONTACT_TICKS
-            self._drop()
+            # Forget the blocks that may contain the beginning of the touch.
+            self.envelopes["block"], self.envelopes["samples"] = 0.0, 0
+            self.envelopes["previous_block"] = np.nan
 
     def learn(self, residual: FloatArray, seen: BoolArray, moving: BoolArray) -> None:
         """Take in one tick without touch.
@@ -108,56 +211,12 @@ class ResidualEnvelope:
             moving: (n,) joints that are to move.
         """
         self._untouched_ticks += 1
-        counts = seen & moving
-        if np.count_nonzero(counts & (self.known < 1.0)):
-            self._motion_ticks += counts
-            self.known = np.minimum(self._motion_ticks / FIRST_MOTION_TICKS, 1.0)
-            self._widen()
+        self._learn_motion(self.envelopes, seen, moving)
         if self._post_contact_ticks:
             self._post_contact_ticks -= 1
             return
-        self._block = np.maximum(self._block, np.where(seen, np.abs(residual), 0.0))
-        self._samples += counts
-        over = self._samples >= BLOCK_TICKS
-        if not np.count_nonzero(over):
-            return
-        # One block late: a touch that was detected in the next block would have begun in this one.
-        keep = over & ~np.isnan(self._previous_block)
-        if self._untouched_ticks < SUSPECT_TICKS:
-            # Until the first motion is complete, large blocks are normal: they must count.
-            suspect = self._previous_block > SUSPECT_RATIO * self.factor * self._identified
-            keep &= ~(suspect & (self.known == 1.0))
-        for joint in np.flatnonzero(keep).tolist():
-            self._keep(joint)
-        self._previous_block[over], self._block[over], self._samples[over] = (
-            self._block[over],
-            0.0,
-            0,
-        )
-        self._widen()
-
-    def _widen(self) -> None:
-        """Update the factor."""
-        few_blocks_factor = np.maximum(
-            self._start, FEW_BLOCKS_FACTOR * self._median / self._identified
-        )
-        max_factor = np.where(
-            self._block_count < BLOCKS_PER_RANK,
-            np.minimum(few_blocks_factor, MAX_ENVELOPE_FACTOR),
-            MAX_ENVELOPE_FACTOR,
-        )
-        factor = np.maximum(self._start * (1.0 - self.known), self.bound / self._identified)
-        self.factor = np.minimum(np.maximum(factor, 1.0), max_factor)
-
-    def _keep(self, joint: int) -> None:
-        """Store the previous block: no touch has followed it."""
-        self._largest[joint, self._block_count[joint] % MAX_BLOCKS] = self._previous_block[joint]
-        self._block_count[joint] += 1
-        blocks = min(int(self._block_count[joint]), MAX_BLOCKS)
-        seen = np.sort(self._largest[joint, :blocks])
-        rank = min(ENVELOPE_RANK, max(blocks // BLOCKS_PER_RANK, 1))
-        self._median[joint] = seen[blocks // 2]
-        self.bound[joint] = min(ENVELOPE_FACTOR * seen[-rank], MEDIAN_FACTOR * self._median[joint])
+        suspicious = self._untouched_ticks < SUSPECT_TICKS
+        self._learn_blocks(self.envelopes, self._stored, residual, seen, moving, suspicious)
 
 
 REST_SPEED = 0.05
@@ -185,6 +244,39 @@ QUIET_RATIO = 0.5
 """Fraction of a threshold below which a residual is used for learning."""
 
 
+@kernel
+def _threshold(
+    roots: Records[TreeRoot],
+    nodes: Records[TreeNode],
+    envelopes: Records[Envelope],
+    adapt: bool,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    fastest: FloatArray,
+    limited: BoolArray,
+    uncertainty: FloatArray,
+    unsettled: FloatArray,
+    moving: Out[BoolArray],
+    quiet_bound: Out[FloatArray],
+    learning_bound: Out[FloatArray],
+    threshold: Out[FloatArray],
+) -> None:
+    for j in range(len(threshold)):
+        speed = abs(velocity[j])
+        moving[j] = speed > REST_SPEED
+        bound = evaluate_tree(roots, nodes, j, speed, abs(acceleration[j]), fastest[j])
+        quiet_bound[j] = QUIET_RATIO * bound
+        if adapt:
+            margin = UNCERTAINTY_FACTOR * uncertainty[j]
+            quiet_bound[j] = QUIET_RATIO * (bound + margin)
+            bound = bound * envelopes[j].factor + margin
+        # The quiet and the learning bound stay: an altered command is no reason to learn more.
+        learning_bound[j] = QUIET_RATIO * bound
+        if limited[j]:
+            bound *= LIMITED_FACTOR
+        threshold[j] = bound * (1.0 + UNSETTLED_RATIO * unsettled[j])
+
+
 class FusionThreshold:
     """Bounds of the models, times the factor of the residual envelope, plus the uncertainty of the constants.
 
@@ -195,7 +287,7 @@ class FusionThreshold:
 
     Attributes:
         bounds: (n,) largest bound of each model [rad].
-        speed: (n,) desired speed of the last tick [rad/s].
+        moving: (n,) joints that are to move in the last tick: desired speed above REST_SPEED.
         quiet_bound: (n,) residual below which the constants of a joint are adapted [rad].
         learning_bound: (n,) residual below which the loads of the hands are learned [rad]; it follows the envelope.
     """
@@ -203,11 +295,12 @@ class FusionThreshold:
     def __init__(self, models: list[FusionModel | None], cycle: float, *, adapt: bool) -> None:
         self._cycle, self._adapt = cycle, adapt
         self._bounds = BatchedTrees([None if m is None else m.bound for m in models])
-        self._phase = np.zeros((FEATURES, len(models)))
         self.bounds = np.array([np.nan if m is None else m.max_bound for m in models])
         # fmax ignores the NaN of joints without a model.
         start = np.fmax(START_FACTOR, MIN_START_THRESHOLD / self.bounds)
         self._envelope = ResidualEnvelope(self.bounds, start)
+        self._settled = np.zeros(len(models))
+        self._step = _threshold.load()
         self.reset()
 
     def reset(self) -> None:
@@ -216,7 +309,8 @@ class FusionThreshold:
         self._envelope.reset()
         self._speeds = RunningMaximum(SPEED_MEMORY, self._cycle, n)
         self._recent = RunningMaximum(THRESHOLD_MEMORY, self._cycle, n)
-        self.speed, self.quiet_bound, self.learning_bound = np.zeros(n), np.zeros(n), np.zeros(n)
+        self.moving = np.zeros(n, dtype=np.bool_)
+        self.quiet_bound, self.learning_bound = np.zeros(n), np.zeros(n)
 
     def step(
         self,
@@ -235,23 +329,25 @@ class FusionThreshold:
             uncertainty: (n,) standard deviation of the expected error [rad].
             unsettled: (n,) 0..1, 1 just after the robot was released; None where all joints have settled.
         """
-        speed, size, largest = self._phase
-        np.abs(velocity, out=speed)
-        np.abs(acceleration, out=size)
-        largest[:] = self._speeds.push(speed)
-        self.speed = speed
-        bound = self._bounds.predict(self._phase)
-        self.quiet_bound = QUIET_RATIO * bound
-        if self._adapt:
-            margin = UNCERTAINTY_FACTOR * uncertainty
-            self.quiet_bound = QUIET_RATIO * (bound + margin)
-            bound = bound * self._envelope.factor + margin
-        self.learning_bound = QUIET_RATIO * bound
-        # The quiet and the learning bound stay: an altered command is no reason to learn more.
-        if np.count_nonzero(limited):
-            bound = np.where(limited, LIMITED_FACTOR * bound, bound)
-        if unsettled is not None:
-            bound = bound * (1.0 + UNSETTLED_RATIO * unsettled)
+        n = len(velocity)
+        self.moving = np.empty(n, np.bool_)
+        self.quiet_bound, self.learning_bound, bound = np.empty(n), np.empty(n), np.empty(n)
+        self._step(
+            self._bounds.roots,
+            self._bounds.nodes,
+            self._envelope.envelopes,
+            self._adapt,
+            velocity,
+            acceleration,
+            self._speeds.push(np.abs(velocity)),
+            limited,
+            uncertainty,
+            self._settled if unsettled is None else unsettled,
+            self.moving,
+            self.quiet_bound,
+            self.learning_bound,
+            bound,
+        )
         # The filtered residual is later than the motion that raised the threshold.
         return self._recent.push(bound)
 
@@ -262,4 +358,4 @@ class FusionThreshold:
         if seen is None:
             self._envelope.touched()
         else:
-            self._envelope.learn(residual, seen, self.speed > REST_SPEED)
+            self._envelope.learn(residual, seen, self.moving)

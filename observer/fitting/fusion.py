@@ -47,42 +47,21 @@ def _simulate(
     joint: str, recording: Recording, parameters: StickSlipParameters, cycle: float
 ) -> _SimulatedRun:
     index = recording.joint_names.index(joint)
-    stick_slip, derivatives = (
-        StickSlipModel.from_parameters([parameters], cycle),
-        ErrorDerivatives(cycle),
-    )
-    sent, measured = recording.sent_position[:, [index]], recording.position[:, [index]]
-    stick_slip.start(measured[0], sent[0])
-    rows = []
-    for target, position, load in zip(
-        sent, measured, recording.load_torque[:, [index]], strict=True
-    ):
-        at = stick_slip.step(target, load)
-        change, curvature = derivatives.step(target - position)
-        rows.append(
-            np.concatenate(
-                (
-                    at,
-                    stick_slip.velocity,
-                    stick_slip.friction,
-                    stick_slip.integral,
-                    change,
-                    curvature,
-                )
-            )
-        )
-    at, speed, friction, integral, change, curvature = np.array(rows).T
     error = recording.tracking_error(index)
+    sent, load_torque = recording.sent_position[:, index], recording.load_torque[:, index]
+    model = StickSlipModel.from_parameters([parameters], cycle)
+    states = model.play(0, float(recording.position[0, index]), sent, load_torque)
+    change, curvature = ErrorDerivatives(1, cycle).play(error)
     counts = recording.usable(index).copy()
     # Until then the model may hold its friction in another direction than the joint does.
     counts[: round(START_UP_TIME / cycle)] = False
     features = recording.features(index)
     run = _SimulatedRun(
         features=features,
-        model_error=at - recording.position[:, index],
-        drive=error + integral,
-        moves=np.abs(speed) > MIN_MOVING_SPEED,
-        friction=friction,
+        model_error=states["position"] - recording.position[:, index],
+        drive=error + states["integral"],
+        moves=np.abs(states["velocity"]) > MIN_MOVING_SPEED,
+        friction=states["friction"],
         load=parameters.load_gain * features[:, 2],
         velocity=features[:, 0] - change,
         acceleration=features[:, 1] - curvature,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.kernels import make_records
 from pepper_driver.observer.models.stick_slip import PARAMETERS, StickSlipModel, StickSlipParameters
 from pepper_driver.observer.recording import Recording
 
@@ -91,18 +92,19 @@ class _Runs:
         gain = float(current @ error) / power / torque_constant if power > 0.0 else 0.0
         return gain if gain > 0.0 else None
 
-    def simulate(self, parameters: dict[str, FloatArray]) -> FloatArray:
-        """Simulate p sets of parameters (p, 1) on all r runs; return (n, p, r) positions [rad]."""
-        stick_slip = StickSlipModel(parameters, self.cycle)
+    def simulate(self, parameters: Mapping[str, FloatArray]) -> FloatArray:
+        """Simulate p sets of parameters (p,) on all r runs; return (p, n, r) positions [rad]."""
         sets = len(parameters["lag"])
-        start = np.broadcast_to(self.position[0], (sets, self.position.shape[1]))
-        stick_slip.start(start, np.broadcast_to(self.target[0], start.shape))
-        return np.stack(
-            [
-                stick_slip.step(target, load)
-                for target, load in zip(self.target, self.load_torque, strict=True)
-            ]
+        constants = make_records(StickSlipParameters, sets, **parameters)
+        model, positions = (
+            StickSlipModel(constants, self.cycle),
+            np.empty((sets, *self.target.shape)),
         )
+        for number in range(sets):
+            for run, start in enumerate(self.position[0].tolist()):
+                states = model.play(number, start, self.target[:, run], self.load_torque[:, run])
+                positions[number, :, run] = states["position"]
+        return positions
 
 
 def fit_stick_slip(
@@ -192,12 +194,8 @@ class _Fit:
 
     def _residual(self, names: tuple[str, ...], points: FloatArray) -> FloatArray:
         """Return (p, m) errors of p sets of constants in units of LOSS_SCALE; the last one is that of the prior."""
-        zero = np.zeros((len(points), 1))
-        parameters = {name: zero for name in PARAMETERS} | {
-            name: column[:, None] for name, column in zip(names, points.T, strict=True)
-        }
-        positions = self._runs.simulate(parameters)
-        errors = np.array([column[self._runs.counts] for column in positions.swapaxes(0, 1)])
+        positions = self._runs.simulate(dict(zip(names, points.T, strict=True)))
+        errors = np.array([of_set[self._runs.counts] for of_set in positions])
         scaled = (errors - self._measured) / LOSS_SCALE
         prior = np.zeros((len(points), 1))
         if self._load_gain is not None:

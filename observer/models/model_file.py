@@ -11,7 +11,6 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal, NoReturn, Self
 
-import numpy as np
 from pydantic.dataclasses import dataclass as validated_dataclass
 
 from pepper_driver.config import ConfigError, PepperError, RobotConfig, RobotIdentity
@@ -295,12 +294,9 @@ def predict_recording(model: JointModel, joint: str, recording: Recording) -> Fl
     features = recording.features(index)
     if not isinstance(model, FusionModel):
         return model.predict(features)
-    stick_slip = StickSlipModel.from_parameters([model.twin], recording.cycle)
-    sent = recording.sent_position[:, [index]]
-    stick_slip.start(recording.position[0, [index]], sent[0])
-    at = [
-        stick_slip.step(target, load)[0]
-        for target, load in zip(sent, recording.load_torque[:, [index]], strict=True)
-    ]
-    error: FloatArray = sent[:, 0] - np.array(at) + model.remainder.predict(features)
+    sent = recording.sent_position[:, index]
+    states = StickSlipModel.from_parameters([model.twin], recording.cycle).play(
+        0, float(recording.position[0, index]), sent, recording.load_torque[:, index]
+    )
+    error: FloatArray = sent - states["position"] + model.remainder.predict(features)
     return error

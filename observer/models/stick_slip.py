@@ -12,6 +12,8 @@ The step is implicit in velocity and friction (time stepping of Moreau): it stic
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 from typing import ClassVar, Self
 
@@ -20,6 +22,7 @@ from pydantic import ConfigDict
 
 from pepper_driver.config import PepperError
 from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.kernels import Out, Records, kernel, make_records
 from pepper_driver.config.loading import STRICT
 
 
@@ -76,123 +79,240 @@ class StickSlipParameters:
 PARAMETERS = tuple(field.name for field in fields(StickSlipParameters))
 
 
+class StickSlipState:
+    """State of the model of one joint.
+
+    Attributes:
+        position: [rad]
+        velocity: [rad/s]; 0 while it sticks.
+        integral: I of the motor board [rad].
+        friction: Friction on the joint, positive against positive motion [rad].
+        sticks: True while friction holds it.
+        sent: Position sent in the last tick [rad].
+        sent_before: Position sent in the tick before that [rad].
+    """
+
+    position: float
+    velocity: float
+    integral: float
+    friction: float
+    sticks: bool
+    sent: float
+    sent_before: float
+
+
+@kernel
+def beyond(error: float, band: float) -> float:
+    """Return the part of an error beyond a band around 0."""
+    return error - min(max(error, -band), band)
+
+
+@kernel
+def step_stick_slip(
+    constants: Records[StickSlipParameters],
+    i: int,
+    states: Out[Records[StickSlipState]],
+    j: int,
+    sent: float,
+    load_torque: float,
+    cycle: float,
+) -> None:
+    """Step the state ``j`` by one tick with the constants ``i``: position sent [rad], desired load torque [N m]."""
+    p, state = constants[i], states[j]
+    # The target at the time of the response, between two ticks. A response that is earlier than reported belongs to a
+    # target that was not sent yet: it is extrapolated.
+    before, older = state.sent, state.sent_before
+    target = sent + min(p.transport, 1.0) * (before - sent)
+    target += max(p.transport - 1.0, 0.0) * (older - before)
+    state.sent, state.sent_before = sent, before
+
+    momentum = p.inertia / cycle
+    gain = 1.0 / (momentum + p.lag + cycle)
+    load = p.load_gain * load_torque + p.offset
+    pull = target - state.position
+    push = momentum * state.velocity - load + state.integral
+    drive = push + beyond(pull, p.dead_band)
+    friction = p.friction + p.load_friction * abs(load)
+    # A joint at rest starts only beyond its break-away friction.
+    state.sticks = not abs(drive) > (friction * p.breakaway if state.sticks else friction)
+    if state.sticks:
+        state.friction, state.velocity = drive, 0.0
+    else:
+        # Implicit in the velocity: the friction of this step is the one that acts at its end.
+        signed = math.copysign(friction, drive)
+        velocity = (push + pull - signed) * gain
+        if p.dead_band > 0.0:
+            # The dead band applies to the error after the step. It may end the motion, but not reverse it.
+            alone = (push - signed) / max(momentum + p.lag, 1e-9)
+            band = p.dead_band * gain
+            pulled = max(velocity - band - alone, 0.0) + min(velocity + band - alone, 0.0)
+            velocity = alone + pulled
+            velocity = velocity if velocity * drive > 0.0 else 0.0
+        state.friction, state.velocity = signed, velocity
+    state.position += cycle * state.velocity
+    state.integral += p.integral_rate * cycle * beyond(target - state.position, p.dead_band)
+
+
+@kernel
+def beyond_friction(
+    constants: Records[StickSlipParameters], j: int, error: float, load: float
+) -> float:
+    """Return the part of the error of a joint at rest that its friction cannot hold under a load, all [rad].
+
+    The integral of the motor board is taken as zero.
+    """
+    p = constants[j]
+    friction = p.friction + p.load_friction * abs(load)
+    return beyond(beyond(error, p.dead_band) - load, p.breakaway * friction)
+
+
+@kernel
+def _step(
+    constants: Records[StickSlipParameters],
+    states: Out[Records[StickSlipState]],
+    target: FloatArray,
+    load_torque: FloatArray,
+    cycle: float,
+    position: Out[FloatArray],
+    velocity: Out[FloatArray],
+    friction: Out[FloatArray],
+) -> None:
+    for j in range(len(target)):
+        step_stick_slip(constants, j, states, j, target[j], load_torque[j], cycle)
+        state = states[j]
+        position[j], velocity[j], friction[j] = state.position, state.velocity, state.friction
+
+
+@kernel
+def _play(
+    constants: Records[StickSlipParameters],
+    j: int,
+    target: FloatArray,
+    load_torque: FloatArray,
+    cycle: float,
+    history: Out[Records[StickSlipState]],
+) -> None:
+    for k in range(len(target)):
+        if k > 0:
+            history[k] = history[k - 1]
+        step_stick_slip(constants, j, history, k, target[k], load_torque[k], cycle)
+
+
+@kernel
+def _put(
+    states: Out[Records[StickSlipState]],
+    where: BoolArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    integral: FloatArray,
+) -> None:
+    for j in range(len(where)):
+        if where[j]:
+            state = states[j]
+            state.position, state.velocity = position[j], velocity[j]
+            state.integral = integral[j]
+            state.sticks = velocity[j] == 0.0
+
+
 class StickSlipModel:
-    """Stick-slip models of several joints; arrays broadcast against the shape of the inputs.
+    """Stick-slip models of several joints.
 
     Args:
-        parameters: By name of :class:`StickSlipParameters`, arrays of one shape, NaN for a joint without a model.
+        constants: Of each joint, NaN for one without a model.
         cycle: Period of the ticks [s].
 
     Attributes:
-        position: Positions of the models [rad].
-        velocity: [rad/s]
-        integral: I of their motor boards [rad].
-        friction: Friction on them, positive against positive motion [rad].
+        constants: The same; they may be changed between two steps.
+        states: States after the last step.
     """
 
-    def __init__(self, parameters: dict[str, FloatArray], cycle: float) -> None:
+    def __init__(self, constants: Records[StickSlipParameters], cycle: float) -> None:
         self._cycle = cycle
-        self.set(parameters)
+        self.constants = constants
+        self.states = make_records(StickSlipState, len(constants))
+        self._step, self._play, self._put = _step.load(), _play.load(), _put.load()
 
     @classmethod
-    def from_parameters(cls, models: list[StickSlipParameters | None], cycle: float) -> Self:
+    def from_parameters(cls, models: Sequence[StickSlipParameters | None], cycle: float) -> Self:
         """Return the models of joints, NaN for those without parameters."""
-        return cls(
-            {
-                name: np.array([np.nan if m is None else getattr(m, name) for m in models])
-                for name in PARAMETERS
-            },
-            cycle,
-        )
-
-    def set(self, parameters: dict[str, FloatArray]) -> None:
-        """Set other constants from the next step on."""
-        self._p = parameters
-        self._momentum = parameters["inertia"] / self._cycle
-        self._gain = 1.0 / (self._momentum + parameters["lag"] + self._cycle)
-        late = parameters["transport"]
-        self._first, self._second = np.minimum(late, 1.0), np.maximum(late - 1.0, 0.0)
-        self._has_dead_band = bool((parameters["dead_band"] > 0.0).any())
-        self._has_integral = bool((parameters["integral_rate"] > 0.0).any())
+        return cls(stick_slip_constants(models), cycle)
 
     def start(self, position: FloatArray, target: FloatArray) -> None:
-        """Start at rest at ``position`` [rad] with the command ``target`` [rad]."""
-        self.position = np.array(position)
-        self.velocity = np.zeros_like(self.position)
-        self.integral = np.zeros_like(self.position)
-        self.friction = np.zeros_like(self.position)
-        self._sticks = np.ones(self.position.shape, dtype=np.bool_)
-        # Before the start the command is taken as constant.
-        self._targets = (target, target, target)
+        """Start at rest at (n,) ``position`` [rad] with the command (n,) ``target`` [rad]."""
+        self.states = _start(len(self.constants), position, target)
 
-    def step(self, target: FloatArray, load_torque: FloatArray) -> FloatArray:
-        """Step by one tick: position sent [rad], desired load torque [N m]; return the model positions [rad]."""
-        p, dt = self._p, self._cycle
-        target = self._delayed(target)
-        load = p["load_gain"] * load_torque + p["offset"]
-        pull = target - self.position
-        push = self._momentum * self.velocity - load
-        if self._has_integral:
-            push = push + self.integral
-        # Implicit in the velocity: the friction of this step is the one that acts at its end.
-        drive = push + self._beyond_dead_band(pull)
-        friction = p["friction"] + p["load_friction"] * np.abs(load)
-        # A joint at rest starts only beyond its break-away friction.
-        moves = np.abs(drive) > np.where(self._sticks, friction * p["breakaway"], friction)
-        signed = np.copysign(friction, drive)
-        self.friction = np.where(moves, signed, drive)
-        velocity = (push + pull - signed) * self._gain
-        if self._has_dead_band:
-            velocity = self._within_dead_band(velocity, push - signed, drive)
-        self.velocity = np.where(moves, velocity, 0.0)
-        self._sticks = ~moves
-        self.position = self.position + dt * self.velocity
-        if self._has_integral:
-            left = self._beyond_dead_band(target - self.position)
-            self.integral = self.integral + p["integral_rate"] * dt * left
-        return self.position
+    def step(
+        self, target: FloatArray, load_torque: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Step by one tick.
 
-    def beyond_friction(self, error: FloatArray, load: FloatArray) -> FloatArray:
-        """Return the part of the error of joints at rest that their friction cannot hold under a load, all [rad].
+        Args:
+            target: (n,) positions sent [rad].
+            load_torque: (n,) desired [N m].
 
-        The integrals of the motor boards are taken as zero.
+        Returns:
+            (n,) positions [rad], velocities [rad/s] and friction [rad] of the models, new arrays.
         """
-        p = self._p
-        drive = self._beyond_dead_band(error) - load
-        held = p["breakaway"] * (p["friction"] + p["load_friction"] * np.abs(load))
-        return drive - np.minimum(np.maximum(drive, -held), held)
+        n = len(target)
+        position, velocity, friction = np.empty(n), np.empty(n), np.empty(n)
+        self._step(
+            self.constants,
+            self.states,
+            target,
+            load_torque,
+            self._cycle,
+            position,
+            velocity,
+            friction,
+        )
+        return position, velocity, friction
+
+    def play(
+        self, joint: int, position: float, target: FloatArray, load_torque: FloatArray
+    ) -> Records[StickSlipState]:
+        """Play a run of one joint from its beginning, apart from ``states``; return its (n,) states after each tick.
+
+        Args:
+            joint: Index of its constants.
+            position: Where it starts at rest [rad].
+            target: (n,) positions sent [rad].
+            load_torque: (n,) desired [N m].
+        """
+        # The kernel continues from the state of the first tick.
+        history = _start(len(target), position, target[0])
+        columns = np.ascontiguousarray(target), np.ascontiguousarray(load_torque)
+        self._play(self.constants, joint, *columns, self._cycle, history)
+        return history
 
     def put(
         self, where: BoolArray, position: FloatArray, velocity: FloatArray, integral: FloatArray
     ) -> None:
-        """Set ``position`` [rad], ``velocity`` [rad/s] and ``integral`` [rad] of the joints ``where``."""
-        self.position = np.where(where, position, self.position)
-        self.velocity = np.where(where, velocity, self.velocity)
-        self.integral = np.where(where, integral, self.integral)
-        self._sticks = np.where(where, velocity == 0.0, self._sticks)
+        """Set ``position`` [rad], ``velocity`` [rad/s] and ``integral`` [rad] of the joints ``where``, all (n,)."""
+        self._put(self.states, where, position, velocity, integral)
 
-    def _beyond_dead_band(self, error: FloatArray) -> FloatArray:
-        if not self._has_dead_band:
-            return error
-        band = self._p["dead_band"]
-        return error - np.minimum(np.maximum(error, -band), band)
 
-    def _within_dead_band(
-        self, velocity: FloatArray, push: FloatArray, drive: FloatArray
-    ) -> FloatArray:
-        """Return the velocity if the dead band applies to the error after the step."""
-        p = self._p
-        alone = push / np.maximum(self._momentum + p["lag"], 1e-9)
-        band = p["dead_band"] * self._gain
-        pulled = np.maximum(velocity - band - alone, 0.0) + np.minimum(velocity + band - alone, 0.0)
-        velocity = alone + pulled
-        # The dead band may end the motion, but not reverse it.
-        return np.where(velocity * drive > 0.0, velocity, 0.0)
+def _start(
+    count: int, position: FloatArray | float, target: FloatArray | float
+) -> Records[StickSlipState]:
+    """Return states at rest. Before the start the command is taken as constant."""
+    return make_records(
+        StickSlipState,
+        count,
+        position=position,
+        sticks=True,
+        sent=target,
+        sent_before=target,
+    )
 
-    def _delayed(self, target: FloatArray) -> FloatArray:
-        """Return the target at the time of the response: interpolated, or extrapolated from the last two ticks."""
-        # A response that is earlier than reported belongs to a target that was not sent yet.
-        _, before, now = self._targets = (*self._targets[1:], target)
-        older = self._targets[0]
-        delayed: FloatArray = now + self._first * (before - now) + self._second * (older - before)
-        return delayed
+
+def stick_slip_constants(
+    models: Sequence[StickSlipParameters | None],
+) -> Records[StickSlipParameters]:
+    """Return the constants of joints, NaN for those without parameters."""
+    return make_records(
+        StickSlipParameters,
+        len(models),
+        **{
+            name: [np.nan if m is None else getattr(m, name) for m in models] for name in PARAMETERS
+        },
+    )

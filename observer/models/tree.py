@@ -6,6 +6,7 @@ faster than those of the identification) indicate a binary tree with affine leav
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,6 +17,7 @@ from pydantic import ConfigDict
 
 from pepper_driver.config import PepperError
 from pepper_driver.config.arrays import FloatArray, IntArray
+from pepper_driver.config.kernels import Out, Records, kernel, make_records, record_type
 from pepper_driver.config.loading import STRICT
 
 Triple = tuple[float, float, float]
@@ -36,16 +38,8 @@ class TreeError(PepperError, ValueError):
 class ExpectedErrorModel(Protocol):
     """Model of the tracking error of one joint in free motion."""
 
-    def predict_one(self, velocity: float, acceleration: float, load_torque: float) -> float:
-        """Predict the tracking error [rad] of one sample: [rad/s], [rad/s2], [N m], all desired.
-
-        For use inside a tick: it takes about a microsecond and never raises. If an input is not finite, the result is
-        any value.
-        """
-        ...
-
     def predict(self, features: FloatArray) -> FloatArray:
-        """Predict the (n,) tracking errors [rad] of (n, 3) features, columns as in ``predict_one``."""
+        """Predict the (n,) tracking errors [rad] of (n, 3) features: [rad/s], [rad/s2], [N m], all desired."""
         ...
 
 
@@ -115,14 +109,6 @@ class _Partition:
             np.array(self.right, dtype=np.int64),
         )
 
-    def _leaf(self, sample: Triple) -> int:
-        # For one sample, tuples are faster than any NumPy call.
-        feature, threshold, left, right = self.feature, self.threshold, self.left, self.right
-        node = 0
-        while (column := feature[node]) >= 0:
-            node = left[node] if sample[column] <= threshold[node] else right[node]
-        return node
-
     def leaf_of(self, features: FloatArray) -> IntArray:
         """Return the (n,) number of the leaf of each row of (n, 3) features."""
         feature, threshold, left, right = self._arrays
@@ -151,10 +137,6 @@ class CartTree(_Partition):
         self._check_length(len(self.feature), value=self.value)
         if not np.isfinite(self.value).all():
             raise TreeError("a value is not finite")
-
-    def predict_one(self, velocity: float, acceleration: float, load_torque: float) -> float:
-        """See :class:`ExpectedErrorModel`."""
-        return self.value[self._leaf((velocity, acceleration, load_torque))]
 
     def predict(self, features: FloatArray) -> FloatArray:
         """See :class:`ExpectedErrorModel`."""
@@ -189,30 +171,11 @@ class AffineTree(_Partition):
         if any(lower > upper for lower, upper in zip(self.lower, self.upper, strict=True)):
             raise TreeError(f"lower bounds {self.lower} above upper bounds {self.upper}")
 
-    def predict_one(self, velocity: float, acceleration: float, load_torque: float) -> float:
-        """See :class:`ExpectedErrorModel`."""
-        lower, upper = self.lower, self.upper
-        # Written out: min and max would cost more than the rest of this function.
-        if velocity < lower[0]:
-            velocity = lower[0]
-        elif velocity > upper[0]:
-            velocity = upper[0]
-        if acceleration < lower[1]:
-            acceleration = lower[1]
-        elif acceleration > upper[1]:
-            acceleration = upper[1]
-        if load_torque < lower[2]:
-            load_torque = lower[2]
-        elif load_torque > upper[2]:
-            load_torque = upper[2]
-        c = self.coefficients[self._leaf((velocity, acceleration, load_torque))]
-        return c[0] + c[1] * velocity + c[2] * acceleration + c[3] * load_torque
-
     def predict(self, features: FloatArray) -> FloatArray:
         """See :class:`ExpectedErrorModel`."""
         x = np.clip(features, self.lower, self.upper)
         c = np.array(self.coefficients, dtype=np.float64)[self.leaf_of(x)]
-        # The order of the terms of predict_one, for the same bits.
+        # The order of the terms of `evaluate_tree`, for the same bits.
         error: FloatArray = c[:, 0] + c[:, 1] * x[:, 0] + c[:, 2] * x[:, 1] + c[:, 3] * x[:, 2]
         return error
 
@@ -225,73 +188,153 @@ TREE_TYPES: dict[TreeKind, type[CartTree] | type[AffineTree]] = {
 }
 
 
-Box = tuple[int, list[float], list[float]]
+class TreeNode:
+    """Node of a tree: a leaf where ``feature`` is LEAF.
+
+    Attributes:
+        feature: Number of the feature.
+        threshold: A sample goes to the left child where its feature is at most this.
+        left: Number of a child.
+        right: The same.
+        c0: Value of a leaf, c0 + c1 x1 + c2 x2 + c3 x3 in the features.
+        c1: Coefficient of the first feature, and so on.
+    """
+
+    feature: int
+    threshold: float
+    left: int
+    right: int
+    c0: float
+    c1: float
+    c2: float
+    c3: float
+
+
+class TreeRoot:
+    """Tree of one joint.
+
+    Attributes:
+        node: Number of its first node; LEAF for a joint without a tree.
+        affine: True if its leaves are affine functions, False if constants.
+        lower1: Bound to which the first feature is clamped, and so on.
+        upper1: The same.
+    """
+
+    node: int
+    affine: bool
+    lower1: float
+    lower2: float
+    lower3: float
+    upper1: float
+    upper2: float
+    upper3: float
+
+
+@kernel
+def clamp(value: float, lower: float, upper: float) -> float:
+    """Return a value within its bounds; NaN stays NaN."""
+    if value < lower:
+        return lower
+    if value > upper:
+        return upper
+    return value
+
+
+@kernel
+def evaluate_tree(
+    roots: Records[TreeRoot], nodes: Records[TreeNode], j: int, x1: float, x2: float, x3: float
+) -> float:
+    """Return the value of the tree ``j`` for three features, NaN if there is none.
+
+    If a feature is not finite, the result is any value of the tree, or NaN if the tree is affine.
+    """
+    root = roots[j]
+    if root.node < 0:
+        return np.nan
+    x = (
+        clamp(x1, root.lower1, root.upper1),
+        clamp(x2, root.lower2, root.upper2),
+        clamp(x3, root.lower3, root.upper3),
+    )
+    node = nodes[root.node]
+    while node.feature >= 0:
+        node = nodes[node.left if x[node.feature] <= node.threshold else node.right]
+    if not root.affine:
+        return node.c0
+    return node.c0 + node.c1 * x[0] + node.c2 * x[1] + node.c3 * x[2]
+
+
+@kernel
+def _evaluate(
+    roots: Records[TreeRoot],
+    nodes: Records[TreeNode],
+    x1: FloatArray,
+    x2: FloatArray,
+    x3: FloatArray,
+    values: Out[FloatArray],
+) -> None:
+    for j in range(len(values)):
+        values[j] = evaluate_tree(roots, nodes, j, x1[j], x2[j], x3[j])
 
 
 class BatchedTrees:
-    """Several trees evaluated at once, each leaf as the box of features that lead to it.
+    """Several trees evaluated at once.
 
     Args:
-        trees: One per joint, None for those without; all with at most a few dozen leaves.
+        trees: One per joint, None for those without.
+
+    Attributes:
+        roots: Of each joint, for :func:`evaluate_tree`.
+        nodes: Of all trees.
     """
 
     def __init__(self, trees: Sequence[Tree | None]) -> None:
-        boxes = [[] if tree is None else _boxes(tree) for tree in trees]
-        n, width = len(trees), max([1, *map(len, boxes)])
-        # No sample lies in the boxes that pad shorter rows: their bounds are infinite.
-        self._lower = np.full((FEATURES, n, width), np.inf)
-        self._upper = np.full((FEATURES, n, width), np.inf)
-        self._lower_clamp = np.full((FEATURES, n), -np.inf)
-        self._upper_clamp = np.full((FEATURES, n), np.inf)
-        coefficients = np.full((4, n, width), np.nan)
-        for row, (tree, of_tree) in enumerate(zip(trees, boxes, strict=True)):
-            if isinstance(tree, AffineTree):
-                self._lower_clamp[:, row], self._upper_clamp[:, row] = tree.lower, tree.upper
-            for column, (leaf, lower, upper) in enumerate(of_tree):
-                self._lower[:, row, column], self._upper[:, row, column] = lower, upper
-                coefficients[:, row, column] = _coefficients(tree, leaf)
-        self._coefficients = coefficients.reshape(4, -1)
-        self._first = np.arange(n) * width
-        self._affine = any(isinstance(tree, AffineTree) for tree in trees)
+        self.roots = make_records(
+            TreeRoot,
+            len(trees),
+            node=_first_nodes(trees),
+            affine=[isinstance(tree, AffineTree) for tree in trees],
+        )
+        for bound, sign in (("lower", -1.0), ("upper", 1.0)):
+            of_trees = [getattr(tree, bound, (sign * math.inf,) * FEATURES) for tree in trees]
+            for feature, column in enumerate(np.array(of_trees).reshape(-1, FEATURES).T, 1):
+                self.roots[f"{bound}{feature}"] = column
+        self.nodes = _nodes([tree for tree in trees if tree is not None])
+        self._evaluate = _evaluate.load()
 
-    def predict(self, features: FloatArray) -> FloatArray:
-        """Return the (n,) values of the trees for (3, n) features, NaN for joints without one.
+    def predict(self, first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
+        """Return the (n,) values of the trees for (n,) features, a new array, NaN for joints without one.
 
         For a feature that is not finite the result is any value of the tree, or NaN if the tree is affine.
         """
-        if self._affine:
-            features = np.minimum(np.maximum(features, self._lower_clamp), self._upper_clamp)
-        sample = features[:, :, None]
-        inside = ((sample > self._lower) & (sample <= self._upper)).all(axis=0)
-        leaf = inside.argmax(axis=1) + self._first
-        if not self._affine:
-            values: FloatArray = self._coefficients[0].take(leaf)
-            return values
-        c = self._coefficients.take(leaf, axis=1)
-        # The order of the terms of AffineTree, for the same bits.
-        values = c[0] + c[1] * features[0] + c[2] * features[1] + c[3] * features[2]
+        values = np.empty(len(self.roots))
+        self._evaluate(self.roots, self.nodes, first, second, third, values)
         return values
 
 
-def _boxes(tree: Tree) -> list[Box]:
-    """Return the leaves with their bounds of each feature: (leaf, lower, upper]."""
-    found: list[Box] = []
-    pending: list[Box] = [(0, [-np.inf] * FEATURES, [np.inf] * FEATURES)]
-    while pending:
-        node, lower, upper = pending.pop()
-        feature, threshold = tree.feature[node], tree.threshold[node]
-        if feature == LEAF:
-            found.append((node, lower, upper))
-            continue
-        below, above = list(upper), list(lower)
-        below[feature] = min(upper[feature], threshold)
-        above[feature] = max(lower[feature], threshold)
-        pending += [(tree.left[node], lower, below), (tree.right[node], above, upper)]
-    return found
+def _first_nodes(trees: Sequence[Tree | None]) -> list[int]:
+    """Return the number of the first node of each tree, LEAF without one."""
+    first, count = [], 0
+    for tree in trees:
+        first.append(LEAF if tree is None else count)
+        count += 0 if tree is None else len(tree.feature)
+    return first
 
 
-def _coefficients(tree: Tree | None, leaf: int) -> tuple[float, ...]:
+def _nodes(trees: Sequence[Tree]) -> Records[TreeNode]:
+    """Return the nodes of trees, one tree after the other."""
+    rows: list[tuple[int | float, ...]] = []
+    for tree in trees:
+        first = len(rows)
+        for node, feature in enumerate(tree.feature):
+            children = (tree.left[node], tree.right[node])
+            links = (child if feature == LEAF else first + child for child in children)
+            rows.append((feature, tree.threshold[node], *links, *_coefficients(tree, node)))
+    columns = zip(record_type(TreeNode).names or (), zip(*rows, strict=True), strict=False)
+    return make_records(TreeNode, len(rows), **dict(columns))
+
+
+def _coefficients(tree: Tree, node: int) -> Coefficients:
     if isinstance(tree, AffineTree):
-        return tree.coefficients[leaf]
-    assert isinstance(tree, CartTree)
-    return (tree.value[leaf], 0.0, 0.0, 0.0)
+        return tree.coefficients[node]
+    return (tree.value[node], 0.0, 0.0, 0.0)

@@ -8,15 +8,18 @@ the shoulder learns from the elbow. The inertia about the wrist, m c^2, is negle
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.kernels import Block, Matrix, Out, kernel
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.observer.interface import HandLoad
 from pepper_driver.observer.models.fusion_model import FusionModel
+from pepper_driver.observer.models.payload import PayloadRegressor
 from pepper_driver.observer.models.stick_slip import StickSlipParameters
 
 PRIOR_STD = np.array([0.25, 0.25, 0.1, 1.0])
@@ -34,6 +37,98 @@ NOISE_FACTOR = 3.0
 
 WEAR_RATIO = 0.4
 """Increase of friction or lag, relative to the identified value, above which a joint is reported as worn."""
+
+
+@kernel
+def quadratic_form(matrix: Matrix[FloatArray], vector: FloatArray) -> float:
+    """Return x' M x."""
+    total = 0.0
+    for i in range(len(vector)):
+        product = 0.0
+        for k in range(len(vector)):
+            product += matrix[i, k] * vector[k]
+        total += product * vector[i]
+    return total
+
+
+@kernel
+def dot(first: FloatArray, second: FloatArray) -> float:
+    """Return the scalar product of two vectors."""
+    total = 0.0
+    for i in range(len(first)):
+        total += first[i] * second[i]
+    return total
+
+
+@kernel
+def limit_covariance(
+    covariance: Out[Matrix[FloatArray]], prior: FloatArray, process_noise: FloatArray
+) -> None:
+    """Add the variances of the process noise; no variance may exceed that of the start.
+
+    Without motion only the process noise acts. ``prior`` are the standard deviations at the start.
+    """
+    n = len(prior)
+    shrink = np.empty(n)
+    for i in range(n):
+        covariance[i, i] += process_noise[i]
+        shrink[i] = math.sqrt(min(1.0, prior[i] ** 2 / max(covariance[i, i], 1e-12)))
+    for i in range(n):
+        for k in range(n):
+            covariance[i, k] *= shrink[i] * shrink[k]
+
+
+@kernel
+def _effects(
+    lag: FloatArray,
+    friction: FloatArray,
+    velocity: FloatArray,
+    load: FloatArray,
+    effects: Out[Matrix[FloatArray]],
+) -> None:
+    for j in range(len(effects)):
+        effects[j, 0] = friction[j]
+        effects[j, 1] = lag[j] * velocity[j]
+        effects[j, 2] = load[j]
+        effects[j, 3] = OFFSET_UNIT
+
+
+@kernel
+def _variance(
+    covariance: Block[FloatArray], effects: Matrix[FloatArray], variance: Out[FloatArray]
+) -> None:
+    for j in range(len(variance)):
+        variance[j] = quadratic_form(covariance[j], effects[j])
+
+
+@kernel
+def _update(
+    covariance: Out[Block[FloatArray]],
+    deviation: Out[Matrix[FloatArray]],
+    prior: FloatArray,
+    process_noise: FloatArray,
+    noise: FloatArray,
+    residual: FloatArray,
+    effects: Matrix[FloatArray],
+    other: FloatArray,
+    free: BoolArray,
+) -> None:
+    seen = np.empty(4)
+    for j in range(len(residual)):
+        p, e = covariance[j], effects[j]
+        for i in range(4):
+            seen[i] = dot(p[i], e)
+        scale = noise[j] + other[j] + dot(e, seen)
+        # A joint without a model has a scale of NaN, which would spoil its covariance.
+        if free[j] and math.isfinite(scale):
+            for i in range(4):
+                gain = seen[i] / scale
+                # A long touch that looks like free motion must not make a model useless.
+                changed = deviation[j, i] + gain * residual[j]
+                deviation[j, i] = min(max(changed, -3.0 * prior[i]), 3.0 * prior[i])
+                for k in range(4):
+                    p[i, k] -= gain * seen[k]
+        limit_covariance(p, prior, process_noise)
 
 
 class Adaptation:
@@ -58,17 +153,21 @@ class Adaptation:
         *,
         process_noise: FloatArray = PROCESS_NOISE,
     ) -> None:
-        self._prior = np.tile(PRIOR_STD, (len(models), 1))
         self._lag = np.array([np.nan if m is None else m.lag for m in models])
         self._noise = (NOISE_FACTOR * spread) ** 2
-        self._process_noise = np.diag(process_noise**2 * LEARN_PERIOD * cycle / 60.0)
-        self._count = len(models)
+        self._process_noise = process_noise**2 * LEARN_PERIOD * cycle / 60.0
+        self._effects, self._variance, self._update = (
+            _effects.load(),
+            _variance.load(),
+            _update.load(),
+        )
         self.reset()
 
     def reset(self) -> None:
         """Return to the identified values."""
-        self.deviation = np.zeros((self._count, 4))
-        self._covariance = self._prior[:, :, None] ** 2 * np.eye(4)
+        n = len(self._lag)
+        self.deviation = np.zeros((n, 4))
+        self._covariance = np.tile(np.diag(PRIOR_STD**2), (n, 1, 1))
 
     def effects(self, friction: FloatArray, velocity: FloatArray, load: FloatArray) -> FloatArray:
         """Return the (n, 4) effects of a deviation of 1 on the tracking error [rad].
@@ -79,20 +178,17 @@ class Adaptation:
             load: (n,) g tau_ld [rad].
         """
         effects = np.empty((len(load), 4))
-        effects[:, 0] = friction
-        np.multiply(self._lag, velocity, out=effects[:, 1])
-        effects[:, 2] = load
-        effects[:, 3] = OFFSET_UNIT
+        self._effects(self._lag, friction, velocity, load, effects)
         return effects
 
     def variance(self, effects: FloatArray) -> FloatArray:
         """Return the (n,) variance of the expected tracking error that the unknown deviations cause [rad2]."""
-        seen = (self._covariance @ effects[:, :, None])[:, :, 0]
-        variance: FloatArray = (seen * effects).sum(axis=1)
+        variance = np.empty(len(effects))
+        self._variance(self._covariance, effects, variance)
         return variance
 
     def update(
-        self, residual: FloatArray, effects: FloatArray, other: FloatArray | float, free: BoolArray
+        self, residual: FloatArray, effects: FloatArray, other: FloatArray, free: BoolArray
     ) -> None:
         """Learn from the last tick.
 
@@ -102,21 +198,17 @@ class Adaptation:
             other: (n,) variance of the residual from other causes [rad2].
             free: (n,) joints without touch.
         """
-        effects = np.where(free[:, None], effects, 0.0)
-        seen = np.einsum("nij,nj->ni", self._covariance, effects)
-        scale = self._noise + other + np.einsum("ni,ni->n", effects, seen)
-        # A joint without a model has a scale of NaN, which would spoil its covariance.
-        free = free & np.isfinite(scale)
-        gain = np.where(free[:, None], seen / scale[:, None], 0.0)
-        self.deviation += gain * np.where(free, residual, 0.0)[:, None]
-        # A long touch that looks like free motion must not make a model useless.
-        np.clip(self.deviation, -3.0 * self._prior, 3.0 * self._prior, out=self.deviation)
-        self._covariance -= gain[:, :, None] * seen[:, None, :]
-        self._covariance += self._process_noise
-        # Without motion only the process noise acts: no variance may exceed that of the start.
-        known = np.einsum("nii->ni", self._covariance)
-        shrink = np.sqrt(np.minimum(1.0, self._prior**2 / np.maximum(known, 1e-12)))
-        self._covariance *= shrink[:, :, None] * shrink[:, None, :]
+        self._update(
+            self._covariance,
+            self.deviation,
+            PRIOR_STD,
+            self._process_noise,
+            self._noise,
+            residual,
+            effects,
+            other,
+            free,
+        )
 
     @property
     def worn(self) -> BoolArray:
@@ -151,6 +243,98 @@ MIN_MOVING_TICKS = 20
 """Ticks for which a joint must have moved: before, the direction of its friction is unknown."""
 
 
+@kernel
+def _load_torque(regressor: Matrix[FloatArray], load: FloatArray, torque: Out[FloatArray]) -> None:
+    for j in range(len(torque)):
+        torque[j] = dot(regressor[j], load)
+
+
+@kernel
+def _load_variance(
+    regressor: Matrix[FloatArray],
+    load: FloatArray,
+    covariance: Matrix[FloatArray],
+    gain: FloatArray,
+    uncertainty: float,
+    variance: Out[FloatArray],
+) -> None:
+    for j in range(len(variance)):
+        unknown = quadratic_form(covariance, regressor[j])
+        unpredicted = uncertainty * dot(regressor[j], load)
+        variance[j] = gain[j] ** 2 * (unknown + unpredicted**2)
+
+
+@kernel
+def _learn_load(
+    regressor: Matrix[FloatArray],
+    load: Out[FloatArray],
+    covariance: Out[Matrix[FloatArray]],
+    gain: FloatArray,
+    uncertainty: float,
+    prior: FloatArray,
+    process_noise: FloatArray,
+    residual: FloatArray,
+    noise: FloatArray,
+    use: BoolArray,
+    explained: Out[FloatArray],
+) -> None:
+    """Learn from the residuals of all joints, one after the other: the order does not matter."""
+    n = len(load)
+    change, seen = np.zeros(n), np.empty(n)
+    for j in range(len(residual)):
+        if not (use[j] and math.isfinite(noise[j])):
+            continue
+        unpredicted = uncertainty * dot(regressor[j], load)
+        variance = noise[j] + gain[j] ** 2 * unpredicted**2
+        for i in range(n):
+            seen[i] = gain[j] * dot(covariance[i], regressor[j])
+        variance += gain[j] * dot(regressor[j], seen)
+        surprise = residual[j] - gain[j] * dot(regressor[j], change)
+        for i in range(n):
+            change[i] += seen[i] / variance * surprise
+            for k in range(n):
+                covariance[i, k] -= seen[i] / variance * seen[k]
+    for j in range(len(residual)):
+        learned = use[j] and math.isfinite(noise[j])
+        explained[j] = gain[j] * dot(regressor[j], change) if learned else 0.0
+    for i in range(n):
+        load[i] += change[i]
+    limit_covariance(covariance, prior, process_noise)
+
+
+@kernel
+def _reconcile(
+    regressor: Matrix[FloatArray],
+    load: Out[FloatArray],
+    covariance: Matrix[FloatArray],
+    gain: FloatArray,
+    friction: FloatArray,
+    beyond: FloatArray,
+    use: BoolArray,
+    explained: Out[FloatArray],
+) -> bool:
+    """Return True if a joint, with its (n,) ``friction`` at rest [rad], contradicts the load."""
+    n, changed = len(load), False
+    before, effect, spread = load.copy(), np.empty(n), np.empty(n)
+    for j in range(len(beyond)):
+        explained[j] = 0.0
+        for i in range(n):
+            effect[i] = gain[j] * regressor[j, i]
+        if not (use[j] and beyond[j] * dot(effect, before) < 0.0):
+            continue
+        for i in range(n):
+            spread[i] = dot(covariance[i], effect)
+        unknown, droop = dot(effect, spread), dot(effect, load)
+        if unknown <= friction[j] ** 2 or beyond[j] * droop >= 0.0:
+            continue
+        # No further than to zero load: the contradiction is no evidence of a load of the other sign.
+        correction = min(max(beyond[j], -abs(droop)), abs(droop))
+        for i in range(n):
+            load[i] += spread[i] * (correction / unknown)
+        explained[j], changed = correction, True
+    return changed
+
+
 class HandLoads:
     """Recursive least squares on a random walk (a Kalman filter), four numbers per arm.
 
@@ -170,13 +354,13 @@ class HandLoads:
         uncertainty: float = LOAD_UNCERTAINTY,
     ) -> None:
         self._uncertainty = uncertainty
-        self._model = RobotModel(robot)
-        self._arms, self._wrists = [], []
+        self._arms, wrists = [], []
         for chain, joints in robot.chains.items():
             if joints[-1] in robot.hands.joints:
                 wrist = next(joint for joint in reversed(joints) if joint not in robot.hands.joints)
                 self._arms.append(chain)
-                self._wrists.append(self._model.joint_id(wrist))
+                wrists.append(wrist)
+        self._payloads = PayloadRegressor(RobotModel(robot), wrists)
         # The integral of a motor board cancels the droop of a load, and its value at the start is unknown.
         shows_load = [m is not None and m.twin.integral_rate == 0.0 for m in models]
         gain = np.array([0.0 if m is None else m.twin.load_gain for m in models])
@@ -184,17 +368,19 @@ class HandLoads:
         friction = np.array([0.0 if m is None else m.twin.friction for m in models])
         self._noise = MIN_NOISE + (FRICTION_UNCERTAINTY * friction) ** 2
         breakaway = np.array([1.0 if m is None else m.twin.breakaway for m in models])
-        self._friction_variance = (breakaway * friction) ** 2
-        arms = len(self._wrists)
-        self._prior = np.tile(LOAD_PRIOR_STD, arms) ** 2
+        self._friction = breakaway * friction
+        arms = len(wrists)
+        self._prior = np.tile(LOAD_PRIOR_STD, arms)
         self._process_noise = np.tile(process_noise, arms) ** 2 * LEARN_PERIOD * robot.cycle / 60.0
+        self._load_torque, self._load_variance = _load_torque.load(), _load_variance.load()
+        self._learn, self._reconcile = _learn_load.load(), _reconcile.load()
         self.reset()
 
     def reset(self) -> None:
         """Return to empty hands."""
         n, quantities = len(self._gain), len(self._prior)
         self._load = np.zeros(quantities)
-        self._covariance = np.diag(self._prior)
+        self._covariance = np.diag(self._prior**2)
         self._regressor = np.zeros((n, quantities))
         self._ticks = 0
 
@@ -209,28 +395,22 @@ class HandLoads:
             acceleration: (n,) desired [rad/s2].
         """
         if self._ticks % ARM_CHECK_TICKS == 0:
-            with np.errstate(all="ignore"):
-                regressor = self._model.payload_regressor(
-                    self._wrists, position, velocity, acceleration
-                )
-                # Only bad samples give values that are not finite or larger than an arm allows.
-                if np.abs(regressor).max() < MAX_EFFECT:
-                    self._regressor = regressor
+            regressor = self._payloads.compute(position, velocity, acceleration)
+            # Only bad samples give values that are not finite or larger than an arm allows.
+            if np.abs(regressor).max() < MAX_EFFECT:
+                self._regressor = regressor
         self._ticks += 1
-        torque: FloatArray = self._regressor @ self._load
+        torque = np.empty(len(position))
+        self._load_torque(self._regressor, self._load, torque)
         return torque
 
     def variance(self) -> FloatArray:
         """Return the (n,) variance of the expected tracking error that the unknown loads cause [rad2]."""
-        seen = self._regressor @ self._covariance
-        unknown = np.einsum("ij,ij->i", seen, self._regressor)
-        variance: FloatArray = self._gain**2 * (unknown + self._unpredicted())
+        variance = np.empty(len(self._gain))
+        self._load_variance(
+            self._regressor, self._load, self._covariance, self._gain, self._uncertainty, variance
+        )
         return variance
-
-    def _unpredicted(self) -> FloatArray:
-        """Return the (n,) variance of the load torque that no estimate of the loads explains [(N m)2]."""
-        torque: FloatArray = self._uncertainty * (self._regressor @ self._load)
-        return torque**2
 
     def update(self, residual: FloatArray, noise: FloatArray, use: BoolArray) -> FloatArray:
         """Learn from the residual of the last tick; return the (n,) part of it that is now explained [rad].
@@ -240,21 +420,20 @@ class HandLoads:
             noise: (n,) variance of it that the unknown constants of the joints cause [rad2].
             use: (n,) joints to learn from: they move without touch.
         """
-        noise = noise + self._gain**2 * self._unpredicted()
-        use = use & np.isfinite(noise)
-        # In information form: one inversion of a small matrix takes in all joints at once.
-        effect = self._regressor * np.where(use, self._gain, 0.0)[:, None]
-        weighted = effect.T / np.where(use, self._noise + noise, 1.0)
-        self._covariance = np.linalg.inv(np.linalg.inv(self._covariance) + weighted @ effect)
-        change = self._covariance @ (weighted @ np.where(use, residual, 0.0))
-        self._load = self._load + change
-        # As for the joints: no variance may exceed that of the start.
-        known = self._covariance.diagonal() + self._process_noise
-        shrink = np.sqrt(np.minimum(1.0, self._prior / known))
-        self._covariance = (
-            (self._covariance + np.diag(self._process_noise)) * shrink * shrink[:, None]
+        explained = np.empty(len(residual))
+        self._learn(
+            self._regressor,
+            self._load,
+            self._covariance,
+            self._gain,
+            self._uncertainty,
+            self._prior,
+            self._process_noise,
+            residual,
+            self._noise + noise,
+            use,
+            explained,
         )
-        explained: FloatArray = effect @ change
         return explained
 
     def reconcile(self, beyond: FloatArray, use: BoolArray) -> FloatArray | None:
@@ -273,21 +452,18 @@ class HandLoads:
         Returns:
             (n,) part of ``beyond`` that is explained now [rad]; None if nothing has changed.
         """
-        effect = self._regressor * self._gain[:, None]
-        contradicting = use & (beyond * (effect @ self._load) < 0.0)
-        explained: FloatArray | None = None
-        for joint in np.flatnonzero(contradicting).tolist():
-            row = effect[joint]
-            spread = self._covariance @ row
-            unknown, droop = float(row @ spread), float(row @ self._load)
-            if unknown <= self._friction_variance[joint] or beyond[joint] * droop >= 0.0:
-                continue
-            # No further than to zero load: the contradiction is no evidence of a load of the other sign.
-            correction = float(np.clip(beyond[joint], -abs(droop), abs(droop)))
-            self._load = self._load + spread * (correction / unknown)
-            explained = np.zeros(len(use)) if explained is None else explained
-            explained[joint] = correction
-        return explained
+        explained = np.empty(len(use))
+        changed = self._reconcile(
+            self._regressor,
+            self._load,
+            self._covariance,
+            self._gain,
+            self._friction,
+            beyond,
+            use,
+            explained,
+        )
+        return explained if changed else None
 
     def by_arm(self) -> dict[str, HandLoad]:
         """Return the loads by arm, with the names of the chains."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray, contiguous
+from pepper_driver.config.kernels import Out, Records, kernel, make_records
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.detection.threshold import (
     POST_CONTACT_TICKS,
@@ -22,8 +24,22 @@ from pepper_driver.observer.residuals.adaptation import (
     HandLoads,
 )
 from pepper_driver.observer.residuals.mobile_base import BaseGenerator
-from pepper_driver.observer.residuals.momentum import ErrorDerivatives, MomentumChannel
-from pepper_driver.observer.residuals.prediction import MAX_LATE_TICKS, ErrorPredictor, Prediction
+from pepper_driver.observer.residuals.momentum import (
+    DerivativeFilter,
+    ErrorDerivatives,
+    MomentumChannel,
+    differentiate,
+    momentum_channels,
+    momentum_residual,
+)
+from pepper_driver.observer.residuals.prediction import (
+    MAX_LATE_TICKS,
+    MIN_MOVING_SPEED,
+    ErrorPredictor,
+    PredictedJoint,
+    Prediction,
+    update_integral,
+)
 from pepper_driver.observer.running_filters import RunningMedian
 
 FRICTION_RATIO = 0.5
@@ -34,6 +50,49 @@ DAHL_DISTANCE = 0.003
 
 TOUCHED_RATIO = 0.5
 """Fraction of its threshold above which a residual counts as touch."""
+
+
+class TorqueState:
+    """External torque estimate of one joint.
+
+    Attributes:
+        stiffness: K [N m/rad], NaN for a joint without a model.
+        friction: F / K [rad].
+        spread: Standard deviation of the residual in free motion [rad].
+        slip: Friction that acts, while it reverses [rad].
+        residual: In the last tick [rad].
+    """
+
+    stiffness: float
+    friction: float
+    spread: float
+    slip: float
+    residual: float
+
+
+@kernel
+def _estimate_torque(
+    states: Out[Records[TorqueState]],
+    residual: FloatArray,
+    friction: FloatArray,
+    threshold: FloatArray,
+    torque: Out[FloatArray],
+    torque_std: Out[FloatArray],
+) -> None:
+    for j in range(len(residual)):
+        state = states[j]
+        motion = state.residual - residual[j]  # of the joint, relative to its free motion
+        state.residual = residual[j]
+        reversed_part, uncertain = 0.0, 0.0
+        if abs(residual[j]) > TOUCHED_RATIO * threshold[j]:
+            slip = state.slip + motion * (state.friction / DAHL_DISTANCE)
+            state.slip = min(max(slip, -state.friction), state.friction)
+            reversed_part = FRICTION_RATIO * (state.slip - friction[j])
+            uncertain = FRICTION_RATIO * state.friction
+        else:
+            state.slip = friction[j]
+        torque[j] = state.stiffness * (reversed_part - residual[j])
+        torque_std[j] = state.stiffness * math.hypot(state.spread, uncertain)
 
 
 class TorqueEstimate:
@@ -49,14 +108,14 @@ class TorqueEstimate:
     """
 
     def __init__(self, stiffness: FloatArray, friction: FloatArray, spread: FloatArray) -> None:
-        self._stiffness, self._friction, self._spread = stiffness, friction, spread
-        self._push, self._certain = -stiffness, stiffness * spread
-        self.reset()
+        self._states = make_records(
+            TorqueState, len(spread), stiffness=stiffness, friction=friction, spread=spread
+        )
+        self._estimate = _estimate_torque.load()
 
     def reset(self) -> None:
         """Forget the previous ticks."""
-        self._slip = np.zeros(len(self._friction))
-        self._last = np.zeros(len(self._friction))
+        self._states["slip"], self._states["residual"] = 0.0, 0.0
 
     def step(
         self, residual: FloatArray, friction: FloatArray, threshold: FloatArray
@@ -71,20 +130,9 @@ class TorqueEstimate:
         Returns:
             (n,) external torque and its standard deviation [N m].
         """
-        size = self._friction
-        last, self._last = self._last, residual.copy()
-        touched = np.abs(residual) > TOUCHED_RATIO * threshold
-        if not np.count_nonzero(touched):
-            self._slip = friction
-            return self._push * residual, self._certain.copy()
-        motion = last - residual  # of the joint, relative to its free motion
-        slip = np.clip(self._slip + motion * (size / DAHL_DISTANCE), -size, size)
-        self._slip = np.where(touched, slip, friction)
-        reversed_part = np.where(touched, FRICTION_RATIO * (self._slip - friction), 0.0)
-        uncertain = np.where(touched, FRICTION_RATIO * size, 0.0)
-        return self._stiffness * (reversed_part - residual), self._stiffness * np.hypot(
-            self._spread, uncertain
-        )
+        torque, torque_std = np.empty(len(residual)), np.empty(len(residual))
+        self._estimate(self._states, residual, friction, threshold, torque, torque_std)
+        return torque, torque_std
 
 
 MAX_PLAUSIBLE = 1e4
@@ -97,7 +145,108 @@ UNCERTAINTY_PERIOD = 4
 """Ticks between two computations of the uncertainty: a threshold that it raises stays up longer than this."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@kernel
+def _check_inputs(
+    target: FloatArray,
+    load_torque: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    measured: FloatArray,
+    current: FloatArray,
+    stiffness: FloatArray,
+    good: Out[BoolArray],
+) -> int:
+    """Mark the joints that can be judged; return how many."""
+    count = 0
+    for j in range(len(good)):
+        # One sum finds NaN and infinity in any of its terms; NaN compares as False.
+        inputs = target[j] + load_torque[j] + velocity[j] + acceleration[j]
+        inputs = inputs + measured[j] + current[j]
+        good[j] = abs(inputs) < MAX_PLAUSIBLE and stiffness[j] >= MIN_OBSERVED_STIFFNESS
+        count += good[j]
+    return count
+
+
+@kernel
+def _fuse(
+    joints: Out[Records[PredictedJoint]],
+    filters: Out[Records[DerivativeFilter]],
+    channels: Records[MomentumChannel],
+    weight_at_rest: FloatArray,
+    weight_in_motion: FloatArray,
+    target: FloatArray,
+    load_torque: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    position: FloatArray,
+    speed: FloatArray,
+    friction: FloatArray,
+    remainder: FloatArray,
+    measured: FloatArray,
+    current: FloatArray,
+    gain: float,
+    cycle: float,
+    good: Out[BoolArray],
+    change: Out[FloatArray],
+    residual: Out[FloatArray],
+) -> int:
+    """Compute the fused residual and the derivative of the error; return how many joints are good.
+
+    The arguments are those of :class:`Prediction`, ``momentum_residual`` and ``differentiate``. Where a joint with a
+    model has no residual, it is no longer ``good``.
+    """
+    count = 0
+    for j in range(len(residual)):
+        joint = joints[j]
+        error = target[j] - measured[j]
+        model_residual = position[j] - measured[j] - remainder[j]
+        change[j], curvature = differentiate(filters, j, error, gain, cycle)
+        load = joint.load_gain * load_torque[j] * joint.load_factor
+        momentum, motor = momentum_residual(
+            channels,
+            j,
+            current[j] if good[j] else 0.0,
+            error + joint.board_integral,
+            velocity[j] - change[j],
+            acceleration[j] - curvature,
+            friction[j] + load + joint.extra_load,
+            model_residual,
+        )
+        if good[j]:
+            update_integral(joints, j, error, motor, cycle)
+        moves = abs(speed[j]) > MIN_MOVING_SPEED
+        weight = weight_in_motion[j] if moves else weight_at_rest[j]
+        residual[j] = weight * model_residual + (1.0 - weight) * momentum
+        # The weight of a joint without a model is NaN.
+        good[j] = good[j] and (math.isfinite(residual[j]) or math.isnan(weight))
+        count += good[j]
+    return count
+
+
+@kernel
+def _judge(
+    residual: FloatArray,
+    speed: FloatArray,
+    free: BoolArray,
+    blind: BoolArray,
+    limited: BoolArray,
+    quiet_bound: FloatArray,
+    moving_ticks: Out[IntArray],
+    judged: Out[BoolArray],
+    quiet: Out[BoolArray],
+    resting: Out[BoolArray],
+) -> None:
+    """Mark the joints that can be judged, those that are quiet too, and those of them whose models are at rest."""
+    for j in range(len(residual)):
+        moves = abs(speed[j]) > MIN_MOVING_SPEED
+        judged[j] = not (blind[j] or limited[j])
+        seen = free[j] and judged[j]
+        quiet[j] = seen and abs(residual[j]) < quiet_bound[j]
+        resting[j] = quiet[j] and not moves
+        moving_ticks[j] = moving_ticks[j] + 1 if seen and moves else 0
+
+
+@dataclass(slots=True)
 class _Detail:
     """Values of a tick, (n,) each: prediction, measured position [rad], joints altered by the safety gate."""
 
@@ -143,10 +292,10 @@ class FusionGenerator:
         self._hands = hands if adapt else None
         self._base = base
         self._predictor = ErrorPredictor(models, cycle)
-        self._momentum = MomentumChannel(
+        self._channels = momentum_channels(
             [None if m is None else m.momentum for m in models], self._predictor.integrates
         )
-        self._derivatives = ErrorDerivatives(cycle)
+        self._derivatives = ErrorDerivatives(len(models), cycle)
         self.no_model = np.array([m is None for m in models])
         self._threshold = FusionThreshold(models, cycle, adapt=adapt)
         self.bounds = self._threshold.bounds
@@ -155,7 +304,7 @@ class FusionGenerator:
             both = np.array([(np.nan, np.nan) if m is None else getattr(m, name) for m in models])
             return both[:, 0], both[:, 1]
 
-        self._weight = pairs("weight")
+        self._weight_at_rest, self._weight_in_motion = map(np.copy, pairs("weight"))
         spread = np.maximum(*pairs("spread"))
         self._adaptation = Adaptation(
             [None if m is None else m.twin for m in models], spread, cycle
@@ -163,6 +312,8 @@ class FusionGenerator:
         identified = self._predictor.identified
         self._torque = TorqueEstimate(1.0 / identified["load_gain"], identified["friction"], spread)
         self._median = RunningMedian(window, len(models))
+        self._check_inputs, self._fuse = _check_inputs.load(), _fuse.load()
+        self._judge = _judge.load()
         self.reset()
 
     def reset(self) -> None:
@@ -182,6 +333,7 @@ class FusionGenerator:
         self._blind_countdown = 0
         self._change = np.zeros(n)
         self._settling_ticks = np.zeros(n, dtype=np.int64)
+        self._settling_countdown = 0
         self._moving_ticks = np.zeros(n, dtype=np.int64)
         self._untouched = POST_CONTACT_TICKS
         self._prediction_std = np.zeros(n)
@@ -189,30 +341,28 @@ class FusionGenerator:
 
     def step(self, tick: Tick) -> Residuals:
         """Take in one tick."""
-        measurement, reference = tick.measurement, tick.reference
-        target, load_torque = tick.sent.position, reference.load_torque
-        with np.errstate(invalid="ignore", over="ignore"):
-            inputs = (
-                target
-                + load_torque
-                + reference.velocity
-                + reference.acceleration
-                + measurement.position
-                + measurement.current
-            )
-            # One sum finds NaN and infinity in any of its terms; NaN compares as False.
-            good = (np.abs(inputs) < MAX_PLAUSIBLE) & (
-                tick.sent.stiffness >= MIN_OBSERVED_STIFFNESS
-            )
+        measurement, reference, n = tick.measurement, tick.reference, len(self.no_model)
+        target, load_torque = contiguous(tick.sent.position), contiguous(reference.load_torque)
+        velocity, acceleration = contiguous(reference.velocity), contiguous(reference.acceleration)
+        measured, current = contiguous(measurement.position), contiguous(measurement.current)
+        limited = np.ascontiguousarray(tick.limited, np.bool_)
+        good = np.empty(n, np.bool_)
+        count = self._check_inputs(
+            target,
+            load_torque,
+            velocity,
+            acceleration,
+            measured,
+            current,
+            contiguous(tick.sent.stiffness),
+            good,
+        )
         late = measurement.age / self._cycle
         lost = not 0.0 <= late < MAX_LATE_TICKS + 0.5  # also for NaN
         late_ticks = 0 if lost else round(late)
         if lost:
-            good[:] = False
-        bad = None if np.count_nonzero(good) == len(good) else ~good
-        measured = measurement.position
-        velocity, acceleration = reference.velocity, reference.acceleration
-        if bad is not None:
+            good[:], count = False, 0
+        if count < n:
             target, measured = self._replace_invalid(target, measured)
             load_torque = _zero_invalid(load_torque)
             velocity, acceleration = _zero_invalid(velocity), _zero_invalid(acceleration)
@@ -221,21 +371,19 @@ class FusionGenerator:
         self._predictor.step(target, load_torque, velocity, acceleration, measured)
         # A late sample is the response to an older command.
         prediction = self._predictor.before(late_ticks)
-        current = measurement.current if bad is None else np.where(bad, 0.0, measurement.current)
-        residual = self._residual(prediction, measured, current, bad)
-        lost_track = ~(np.isfinite(residual) | self.no_model)
-        if np.count_nonzero(lost_track):
-            bad = lost_track if bad is None else bad | lost_track
-        if bad is None:
+        residual, count = self._residual(prediction, measured, current, good)
+        bad = None
+        if count == n:
             filtered = self._median.push(residual)
         else:
+            bad = ~good
             filtered = self._median.push(np.where(bad, 0.0, residual))
             residual[bad] = np.nan
         blind = self._blind(bad, measured)
         if self._adapt and self._count % UNCERTAINTY_PERIOD == 0:
             self._prediction_std = self._uncertainty(prediction)
         threshold = self._threshold.step(
-            velocity, acceleration, tick.limited, self._prediction_std, self._unsettled()
+            velocity, acceleration, limited, self._prediction_std, self._unsettled()
         )
         torque, torque_std = self._torque.step(filtered, prediction.friction, threshold)
         expected_error = prediction.target - prediction.position + prediction.remainder
@@ -252,14 +400,11 @@ class FusionGenerator:
             threshold=threshold,
             torque=torque,
             torque_std=torque_std,
-            # Friction cannot hold a joint that is to move.
-            friction_band=np.where(
-                self._threshold.speed > REST_SPEED, 0.0, self._predictor.friction_band(prediction)
-            ),
+            friction_band=self._predictor.friction_band(prediction, self._threshold.moving),
             blind=blind,
             base_raw=base[0],
             base_residual=base[1],
-            detail=_Detail(prediction=prediction, measured=measured, limited=tick.limited),
+            detail=_Detail(prediction, measured, limited),
         )
 
     def _unsettled(self) -> FloatArray | None:
@@ -294,28 +439,37 @@ class FusionGenerator:
         return np.where(np.abs(target) < MAX_PLAUSIBLE, target, measured), measured
 
     def _residual(
-        self,
-        prediction: Prediction,
-        measured: FloatArray,
-        current: FloatArray,
-        bad: BoolArray | None,
-    ) -> FloatArray:
-        """Return the fused residual [rad]."""
-        error = prediction.target - measured
-        model_residual = prediction.position - measured - prediction.remainder
-        change, curvature = self._derivatives.step(error)
-        self._change = change
-        momentum, motor = self._momentum.residual(
-            current=current,
-            drive=error + self._predictor.board_integral,
-            velocity=prediction.velocity - change,
-            acceleration=prediction.acceleration - curvature,
-            resistance=self._predictor.resistance(prediction),
-            model_residual=model_residual,
+        self, prediction: Prediction, measured: FloatArray, current: FloatArray, good: BoolArray
+    ) -> tuple[FloatArray, int]:
+        """Return the fused residual [rad], and how many joints are good; clear ``good`` where there is none."""
+        derivatives = self._derivatives
+        if not derivatives.started:
+            derivatives.start(prediction.target - measured)
+        change, residual = np.empty(len(good)), np.empty(len(good))
+        count = self._fuse(
+            self._predictor.joints,
+            derivatives.filters,
+            self._channels,
+            self._weight_at_rest,
+            self._weight_in_motion,
+            prediction.target,
+            prediction.load_torque,
+            prediction.velocity,
+            prediction.acceleration,
+            prediction.position,
+            prediction.speed,
+            prediction.friction,
+            prediction.remainder,
+            measured,
+            current,
+            derivatives.gain,
+            self._cycle,
+            good,
+            change,
+            residual,
         )
-        self._predictor.update_integrals(error, motor, bad)
-        weight = np.where(prediction.moves, self._weight[1], self._weight[0])
-        return weight * model_residual + (1.0 - weight) * momentum
+        self._change = change
+        return residual, count
 
     @property
     def worn(self) -> BoolArray:
@@ -333,30 +487,38 @@ class FusionGenerator:
         """Learn from a tick, once its events are known; see :class:`ResidualGenerator`."""
         detail, residual, blind = residuals.detail, residuals.residual, residuals.blind
         assert isinstance(detail, _Detail)
-        prediction, measured, limited = detail.prediction, detail.measured, detail.limited
-        self._settle(settled, blind, measured)
-        judged = ~(blind | limited)
-        seen, size = free & judged, np.abs(residual)
-        quiet_bound = seen & (size < self._threshold.quiet_bound)
+        prediction, n = detail.prediction, len(residual)
+        self._settle(settled, blind, detail.measured)
+        judged, quiet, resting = np.empty(n, np.bool_), np.empty(n, np.bool_), np.empty(n, np.bool_)
+        self._judge(
+            residual,
+            prediction.speed,
+            free,
+            blind,
+            detail.limited,
+            self._threshold.quiet_bound,
+            self._moving_ticks,
+            judged,
+            quiet,
+            resting,
+        )
         # Also without adaptation: this corrects the state of the models, not their constants.
-        self._predictor.rest(quiet_bound & ~prediction.moves, residual)
+        self._predictor.rest(resting, residual)
         if not self._adapt:
             return
-        self._moving_ticks = np.where(seen & prediction.moves, self._moving_ticks + 1, 0)
         self._untouched = self._untouched + 1 if untouched else 0
         self._threshold.learn(residual, judged if untouched else None)
         if self._base is not None:
-            moving = bool(np.count_nonzero(self._threshold.speed > REST_SPEED))
-            self._base.learn(untouched, moving)
+            self._base.learn(untouched, bool(np.count_nonzero(self._threshold.moving)))
         self._count += 1
         # Half a period after the joints, so that no tick makes both updates.
         if self._count % LEARN_PERIOD == LEARN_PERIOD // 2 and self._untouched > POST_CONTACT_TICKS:
-            use = seen & (size < self._threshold.learning_bound)
+            use = free & judged & (np.abs(residual) < self._threshold.learning_bound)
             self._reconcile_hands(use, detail)
             self._learn_hands(use, prediction, residual)
         if self._count % LEARN_PERIOD == 0:
-            other = 0.0 if self._hands is None else self._hands.variance()
-            self._adaptation.update(residual, self._effects(prediction), other, quiet_bound)
+            other = np.zeros(n) if self._hands is None else self._hands.variance()
+            self._adaptation.update(residual, self._effects(prediction), other, quiet)
             self._predictor.adopt(self._adaptation.deviation)
 
     def _learn_hands(self, use: BoolArray, prediction: Prediction, residual: FloatArray) -> None:
@@ -374,7 +536,7 @@ class FusionGenerator:
         """Correct the loads by joints at rest: these do not show a load, but may contradict one."""
         if self._hands is None:
             return
-        still = (self._threshold.speed <= REST_SPEED) & (np.abs(self._change) <= REST_SPEED)
+        still = ~self._threshold.moving & (np.abs(self._change) <= REST_SPEED)
         beyond = self._predictor.beyond_friction(detail.prediction, detail.measured)
         explained = self._hands.reconcile(beyond, use & still & (self._moving_ticks == 0))
         if explained is not None:
@@ -382,7 +544,9 @@ class FusionGenerator:
 
     def _effects(self, prediction: Prediction) -> FloatArray:
         return self._adaptation.effects(
-            prediction.friction, self._predictor.model_velocity, prediction.load
+            prediction.friction,
+            self._predictor.model_velocity,
+            self._predictor.identified["load_gain"] * prediction.load_torque,
         )
 
     def _uncertainty(self, prediction: Prediction) -> FloatArray:
@@ -395,12 +559,13 @@ class FusionGenerator:
     def _settle(self, settled: BoolArray, blind: BoolArray, measured: FloatArray) -> None:
         """Reset the stick-slip models of joints that come to rest after a contact."""
         if np.count_nonzero(settled):
-            self._settling_ticks[settled] = SETTLING_TICKS + 1
-        elif not np.count_nonzero(self._settling_ticks):
+            self._settling_ticks[settled] = self._settling_countdown = SETTLING_TICKS + 1
+        if not self._settling_countdown:
             return
+        self._settling_countdown -= 1
         self._settling_ticks = np.maximum(self._settling_ticks - 1, 0)
         # A model that starts during a motion would have its friction in the wrong direction.
-        rests = (self._threshold.speed <= REST_SPEED) & (np.abs(self._change) <= REST_SPEED)
+        rests = ~self._threshold.moving & (np.abs(self._change) <= REST_SPEED)
         settles = (self._settling_ticks > 0) & rests & ~blind
         self._settling_ticks[settles] = 0
         self._reset_models(settles, measured)

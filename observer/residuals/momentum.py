@@ -13,9 +13,13 @@ has the direction from which the joint came to rest.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.kernels import Out, Records, kernel, make_records
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.interface import MIN_OBSERVED_STIFFNESS, Residuals, StaticGeneratorMixin
 from pepper_driver.observer.models.fusion_model import FusionModel, MomentumParameters
@@ -26,87 +30,172 @@ SMOOTHING_TIME = 0.03
 """[s] Time constant of the derivatives: an encoder step of 0.09 deg in one tick is 0.13 rad/s."""
 
 
+class DerivativeFilter:
+    """State of the smoothed derivatives of one error: the ``error`` [rad] and ``velocity`` [rad/s] filtered so far."""
+
+    error: float
+    velocity: float
+
+
+@kernel
+def differentiate(
+    filters: Out[Records[DerivativeFilter]], j: int, error: float, gain: float, cycle: float
+) -> tuple[float, float]:
+    """Take in one sample [rad]; return its smoothed derivatives [rad/s], [rad/s2]."""
+    state, rate = filters[j], gain / cycle
+    # Of the filter before its update: this is exact on a ramp.
+    velocity = (error - state.error) * rate
+    acceleration = (velocity - state.velocity) * rate
+    state.error += gain * (error - state.error)
+    state.velocity += gain * (velocity - state.velocity)
+    return velocity, acceleration
+
+
+@kernel
+def _step(
+    filters: Out[Records[DerivativeFilter]],
+    error: FloatArray,
+    gain: float,
+    cycle: float,
+    velocity: Out[FloatArray],
+    acceleration: Out[FloatArray],
+) -> None:
+    for j in range(len(error)):
+        velocity[j], acceleration[j] = differentiate(filters, j, error[j], gain, cycle)
+
+
+@kernel
+def _play(
+    error: FloatArray,
+    gain: float,
+    cycle: float,
+    filters: Out[Records[DerivativeFilter]],
+    velocity: Out[FloatArray],
+    acceleration: Out[FloatArray],
+) -> None:
+    for k in range(len(error)):
+        velocity[k], acceleration[k] = differentiate(filters, 0, error[k], gain, cycle)
+
+
 class ErrorDerivatives:
     """Smoothed first and second derivative of the tracking error, sample by sample.
 
     Args:
+        width: Number of joints.
         cycle: Period of the ticks [s].
+
+    Attributes:
+        filters: States of the joints.
+        gain: Fraction of a change that a filter takes in with one sample.
+        started: False until the first sample, with which the filters start.
     """
 
-    def __init__(self, cycle: float) -> None:
-        self._gain = 1.0 - float(np.exp(-cycle / SMOOTHING_TIME))
-        self._rate = self._gain / cycle
-        self._error: FloatArray | None = None
+    def __init__(self, width: int, cycle: float) -> None:
+        self._cycle = cycle
+        self.gain = 1.0 - float(np.exp(-cycle / SMOOTHING_TIME))
+        self.filters = make_records(DerivativeFilter, width)
+        self.started = False
+        self._step, self._play = _step.load(), _play.load()
+
+    def start(self, error: FloatArray) -> None:
+        """Start from (n,) errors [rad] that do not change."""
+        self.filters["error"], self.filters["velocity"] = error, 0.0
+        self.started = True
 
     def step(self, error: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Take in one sample [rad]; return its derivatives [rad/s], [rad/s2]."""
-        if self._error is None:
-            self._error, self._velocity = error.copy(), np.zeros_like(error)
-        # Of the filter before its update: this is exact on a ramp.
-        velocity = (error - self._error) * self._rate
-        acceleration = (velocity - self._velocity) * self._rate
-        self._error = self._error + self._gain * (error - self._error)
-        self._velocity = self._velocity + self._gain * (velocity - self._velocity)
+        """Take in one sample (n,) [rad]; return its derivatives [rad/s], [rad/s2], new arrays."""
+        if not self.started:
+            self.start(error)
+        velocity, acceleration = np.empty(len(error)), np.empty(len(error))
+        self._step(self.filters, error, self.gain, self._cycle, velocity, acceleration)
+        return velocity, acceleration
+
+    def play(self, error: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the derivatives of (n,) errors of one joint in a run [rad/s], [rad/s2], apart from ``filters``."""
+        filters = make_records(DerivativeFilter, 1, error=error[0])
+        velocity, acceleration = np.empty(len(error)), np.empty(len(error))
+        self._play(error, self.gain, self._cycle, filters, velocity, acceleration)
         return velocity, acceleration
 
     def put(self, where: BoolArray, error: FloatArray) -> None:
         """Start again from ``error`` [rad], for the joints of ``where``."""
-        if self._error is not None:
-            self._error = np.where(where, error, self._error)
-            self._velocity = np.where(where, 0.0, self._velocity)
+        if self.started:
+            self.filters["error"][where] = error[where]
+            self.filters["velocity"][where] = 0.0
 
     def reset(self) -> None:
         """Forget all samples."""
-        self._error = None
+        self.started = False
 
 
 class MomentumChannel:
-    """Momentum residual of several joints; NaN for those without parameters.
+    """Constants of the momentum channel of one joint; those of a joint without parameters are NaN.
 
-    Args:
-        models: By joint.
-        integrates: (n,) joints whose motor boards integrate errors: the integral also indicates the current's sign.
+    Attributes:
+        inertia: J / K [s2].
+        lag: d / K [s].
+        offset: [rad]
+        torque_per_ampere: Motor torque / K per current [rad/A].
+        by_current: True if the motor torque comes from the current, False if from the law of the motor board.
+        integrates: True if the motor board integrates errors: the integral also indicates the current's sign.
     """
 
-    def __init__(self, models: list[MomentumParameters | None], integrates: BoolArray) -> None:
-        def each(name: str) -> FloatArray:
-            return np.array([np.nan if m is None else getattr(m, name) for m in models])
+    inertia: float
+    lag: float
+    offset: float
+    torque_per_ampere: float
+    by_current: bool
+    integrates: bool
 
-        self._inertia, self._lag, self._offset = each("inertia"), each("lag"), each("offset")
-        self._per_ampere = each("torque_per_ampere")
-        self._integrates = integrates
-        self._by_current = np.array([m is not None and m.source == "current" for m in models])
 
-    def residual(
-        self,
-        *,
-        current: FloatArray,
-        drive: FloatArray,
-        velocity: FloatArray,
-        acceleration: FloatArray,
-        resistance: FloatArray,
-        model_residual: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:
-        """External torque on the motor over K, with the sign of r.
+def momentum_channels(
+    models: Sequence[MomentumParameters | None], integrates: BoolArray
+) -> Records[MomentumChannel]:
+    """Return the channels of joints; ``integrates`` (n,) as of :class:`MomentumChannel`."""
+    return make_records(
+        MomentumChannel,
+        len(models),
+        **{
+            name: [np.nan if m is None else getattr(m, name) for m in models]
+            for name in ("inertia", "lag", "offset", "torque_per_ampere")
+        },
+        by_current=[m is not None and m.source == "current" for m in models],
+        integrates=integrates,
+    )
 
-        Args:
-            current: Absolute [A].
-            drive: Output of the law of the motor board for the measured error: eps + I [rad].
-            velocity: Of the joint, as measured [rad/s].
-            acceleration: [rad/s2]
-            resistance: Friction and load / K [rad].
-            model_residual: r of the stick-slip model [rad], for the sign of the current.
 
-        Returns:
-            The residual [rad]; the motor's torque / K [rad].
-        """
-        needed = self._inertia * acceleration + self._lag * velocity + resistance + self._offset
-        size = self._per_ampere * current
-        # The current has no sign. It takes that of the required torque and, where the board integrates errors, also of
-        # the output of its law. Either of them alone is sometimes wrong for seconds.
-        likely = needed + model_residual + np.where(self._integrates, drive, 0.0)
-        motor = np.where(self._by_current, np.copysign(size, likely), drive)
-        return motor - needed, motor
+@kernel
+def momentum_residual(
+    channels: Records[MomentumChannel],
+    j: int,
+    current: float,
+    drive: float,
+    velocity: float,
+    acceleration: float,
+    resistance: float,
+    model_residual: float,
+) -> tuple[float, float]:
+    """Return the external torque on the motor over K, with the sign of r, and the motor's torque / K [rad].
+
+    Args:
+        channels: Of the joints.
+        j: Index of the joint.
+        current: Absolute [A].
+        drive: Output of the law of the motor board for the measured error: eps + I [rad].
+        velocity: Of the joint, as measured [rad/s].
+        acceleration: [rad/s2]
+        resistance: Friction and load / K [rad].
+        model_residual: r of the stick-slip model [rad], for the sign of the current.
+    """
+    p = channels[j]
+    needed = p.inertia * acceleration + p.lag * velocity + resistance + p.offset
+    if not p.by_current:
+        return drive - needed, drive
+    # The current has no sign. It takes that of the required torque and, where the board integrates errors, also of the
+    # output of its law. Either of them alone is sometimes wrong for seconds.
+    likely = needed + model_residual + (drive if p.integrates else 0.0)
+    motor = math.copysign(p.torque_per_ampere * current, likely)
+    return motor - needed, motor
 
 
 SIGN_VELOCITY = 0.03
@@ -140,7 +229,7 @@ class MomentumGenerator(StaticGeneratorMixin):
 
         self._inertia, self._lag, self._friction = each("inertia"), each("lag"), each("friction")
         self._load_gain, self._offset = each("load_gain"), each("offset")
-        self._derivatives = ErrorDerivatives(cycle)
+        self._derivatives = ErrorDerivatives(len(models), cycle)
         self._median = RunningMedian(window, len(models))
         self._window = window
         self.no_model = np.array([m is None for m in models])

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.arrays import FloatArray, contiguous
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.interface import MIN_OBSERVED_STIFFNESS, Residuals, StaticGeneratorMixin
-from pepper_driver.observer.models.tree import Tree
+from pepper_driver.observer.models.tree import BatchedTrees, Tree
 from pepper_driver.observer.recording import STALE_AGE
 from pepper_driver.observer.running_filters import RunningMedian
 
@@ -36,7 +34,7 @@ class PaperGenerator(StaticGeneratorMixin):
     """
 
     def __init__(self, trees: list[Tree | None], threshold: FloatArray, window: int) -> None:
-        self._predict = [None if tree is None else tree.predict_one for tree in trees]
+        self._trees = BatchedTrees(trees)
         self._threshold = self.bounds = threshold
         self._window = window
         self.no_model = np.array([tree is None for tree in trees])
@@ -47,13 +45,18 @@ class PaperGenerator(StaticGeneratorMixin):
 
     def reset(self) -> None:
         """Forget everything but the models."""
-        self._blind_ticks = np.zeros(len(self._predict), dtype=np.int64)
+        self._blind_ticks = np.zeros(len(self.no_model), dtype=np.int64)
         self._median.reset()
 
     def step(self, tick: Tick) -> Residuals:
         """Take in one tick; never raises for bad sensor values."""
         measurement, reference = tick.measurement, tick.reference
-        expected = self._expected(tick)
+        # Eq. 12 of all joints.
+        expected = self._trees.predict(
+            contiguous(reference.velocity),
+            contiguous(reference.acceleration),
+            contiguous(reference.load_torque),
+        )
         with np.errstate(invalid="ignore", over="ignore"):
             error = tick.sent.position - measurement.position
             raw = error - expected
@@ -78,21 +81,4 @@ class PaperGenerator(StaticGeneratorMixin):
             torque_std=self._no_torque.copy(),
             friction_band=self._no_band,
             blind=blind,
-        )
-
-    def _expected(self, tick: Tick) -> FloatArray:
-        """Return (n,) Eq. 12 of all joints [rad], NaN where there is no model."""
-        reference = tick.reference
-        return np.array(
-            [
-                math.nan if predict is None else predict(velocity, acceleration, load_torque)
-                for predict, velocity, acceleration, load_torque in zip(
-                    self._predict,
-                    # Python floats: the trees compare them faster than NumPy scalars.
-                    reference.velocity.tolist(),
-                    reference.acceleration.tolist(),
-                    reference.load_torque.tolist(),
-                    strict=True,
-                )
-            ]
         )

@@ -5,14 +5,22 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.kernels import Matrix, Out, Records, kernel, make_records
 from pepper_driver.observer.detection.threshold import REST_SPEED
 from pepper_driver.observer.models.fusion_model import FusionModel
-from pepper_driver.observer.models.stick_slip import PARAMETERS, StickSlipModel
-from pepper_driver.observer.models.tree import FEATURES, BatchedTrees
+from pepper_driver.observer.models.stick_slip import (
+    StickSlipModel,
+    StickSlipParameters,
+    StickSlipState,
+    beyond_friction,
+    stick_slip_constants,
+)
+from pepper_driver.observer.models.tree import BatchedTrees
 from pepper_driver.observer.residuals.adaptation import OFFSET_UNIT
 
 MAX_LATE_TICKS = 3
@@ -35,23 +43,126 @@ class Prediction:
 
     Attributes:
         target: Position sent [rad].
-        position: Position of the stick-slip models [rad].
-        moves: True where the stick-slip models move.
-        friction: Friction of the stick-slip models / K, positive against positive motion [rad].
-        load: g tau_ld as identified [rad].
+        load_torque: Desired, including the loads of the hands [N m].
         velocity: Desired [rad/s].
         acceleration: Desired [rad/s2].
+        position: Position of the stick-slip models [rad].
+        speed: Their velocity [rad/s].
+        friction: Their friction / K, positive against positive motion [rad].
         remainder: Part of the tracking error that the stick-slip models do not explain [rad].
     """
 
     target: FloatArray
-    position: FloatArray
-    moves: BoolArray
-    friction: FloatArray
-    load: FloatArray
+    load_torque: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
+    position: FloatArray
+    speed: FloatArray
+    friction: FloatArray
     remainder: FloatArray
+
+
+class PredictedJoint:
+    """Constants and state of one joint beside those of its stick-slip model.
+
+    Attributes:
+        load_gain: g = 1 / K as identified [rad/(N m)].
+        load_factor: Factor on it, as adapted.
+        extra_load: Constant load beyond that identified, as adapted [rad].
+        band_unloaded: Range from friction at rest in one direction to that in the other, without load [rad].
+        band_per_load: Its increase with the size of the load [rad/rad].
+        integrates: True if its motor board integrates errors, which its current shows.
+        integral_rate: ki / kp of the motor board [1/s].
+        board_integral: Estimated integral of the motor board, of the measured error [rad].
+    """
+
+    load_gain: float
+    load_factor: float
+    extra_load: float
+    band_unloaded: float
+    band_per_load: float
+    integrates: bool
+    integral_rate: float
+    board_integral: float
+
+
+@kernel
+def update_integral(
+    joints: Out[Records[PredictedJoint]], j: int, error: float, motor: float, cycle: float
+) -> None:
+    """Update the estimated integral of a motor board by the error and the torque of the motor / K, both [rad]."""
+    joint = joints[j]
+    if joint.integrates:
+        joint.board_integral += joint.integral_rate * cycle * error
+        correction = cycle / INTEGRAL_CORRECTION_TIME
+        joint.board_integral += correction * (motor - error - joint.board_integral)
+
+
+@kernel
+def _rest(
+    joints: Records[PredictedJoint],
+    states: Out[Records[StickSlipState]],
+    where: BoolArray,
+    residual: FloatArray,
+    pace: float,
+) -> None:
+    for j in range(len(where)):
+        state = states[j]
+        # Exactly 0.0: the model sticks, it is not only slow.
+        if where[j] and state.velocity == 0.0:
+            state.position -= pace * residual[j]
+            if joints[j].integrates:
+                state.integral += pace * (joints[j].board_integral - state.integral)
+
+
+@kernel
+def _friction_band(
+    joints: Records[PredictedJoint],
+    load_torque: FloatArray,
+    moving: BoolArray,
+    band: Out[FloatArray],
+) -> None:
+    for j in range(len(band)):
+        joint = joints[j]
+        band[j] = joint.band_unloaded + joint.band_per_load * abs(joint.load_gain * load_torque[j])
+        # Friction cannot hold a joint that is to move.
+        if moving[j]:
+            band[j] = 0.0
+
+
+@kernel
+def _beyond_friction(
+    joints: Records[PredictedJoint],
+    constants: Records[StickSlipParameters],
+    target: FloatArray,
+    load_torque: FloatArray,
+    remainder: FloatArray,
+    measured: FloatArray,
+    beyond: Out[FloatArray],
+) -> None:
+    for j in range(len(beyond)):
+        error = target[j] - measured[j] - remainder[j]
+        load = joints[j].load_gain * load_torque[j] * joints[j].load_factor + constants[j].offset
+        beyond[j] = beyond_friction(constants, j, error, load)
+
+
+@kernel
+def _adopt(
+    joints: Out[Records[PredictedJoint]],
+    identified: Records[StickSlipParameters],
+    adapted: Out[Records[StickSlipParameters]],
+    deviation: Matrix[FloatArray],
+) -> None:
+    for j in range(len(joints)):
+        joint = joints[j]
+        p: Any = adapted[j]  # its class is frozen
+        friction, lag, load, offset = deviation[j]
+        joint.load_factor, joint.extra_load = 1.0 + load, offset * OFFSET_UNIT
+        # At least a fifth of the identified values: both must stay positive.
+        p.friction = identified[j].friction * max(1.0 + friction, 0.2)
+        p.lag = identified[j].lag * max(1.0 + lag, 0.2)
+        p.load_gain = identified[j].load_gain * joint.load_factor
+        p.offset = identified[j].offset + joint.extra_load
 
 
 class ErrorPredictor:
@@ -62,51 +173,54 @@ class ErrorPredictor:
         cycle: Period of the ticks [s].
 
     Attributes:
-        identified: By name of ``StickSlipParameters``, (n,) constants as identified.
+        identified: Constants of the stick-slip models as identified.
         integrates: (n,) joints whose motor boards integrate errors, which their currents show.
-        board_integral: (n,) estimated integral of the motor boards, of the measured error [rad].
+        joints: Constants and states of the joints.
     """
 
     def __init__(self, models: Sequence[FusionModel | None], cycle: float) -> None:
-        self._cycle = cycle
-        parameters = [None if m is None else m.twin for m in models]
-        self.identified = {
-            name: np.array([np.nan if p is None else getattr(p, name) for p in parameters])
-            for name in PARAMETERS
-        }
-        self._models = StickSlipModel(self.identified, cycle)
+        self.identified = stick_slip_constants([None if m is None else m.twin for m in models])
         self.integrates = np.array(
             [
                 m is not None and m.twin.integral_rate > 0.0 and m.momentum.source == "current"
                 for m in models
             ]
         )
-        self._any_integrates = bool(self.integrates.any())
+        self._models = StickSlipModel(self.identified.copy(), cycle)
         self._remainders = BatchedTrees([None if m is None else m.remainder for m in models])
-        self._features = np.zeros((FEATURES, len(models)))
         self._correction = cycle / REST_CORRECTION_TIME
+        p = self.identified
         # Motion in one direction, then break-away in the other.
-        both = 1.0 + self.identified["breakaway"]
-        self._band_unloaded = self.identified["friction"] * both
-        self._band_per_load = self.identified["load_friction"] * both
+        both = 1.0 + p["breakaway"]
+        self.joints = make_records(
+            PredictedJoint,
+            len(models),
+            load_gain=p["load_gain"],
+            band_unloaded=p["friction"] * both,
+            band_per_load=p["load_friction"] * both,
+            integrates=self.integrates,
+            integral_rate=p["integral_rate"],
+        )
+        self._rest, self._friction_band = _rest.load(), _friction_band.load()
+        self._beyond_friction, self._adopt = _beyond_friction.load(), _adopt.load()
         self.reset()
 
     def reset(self) -> None:
         """Forget everything but the models."""
         n = len(self.integrates)
-        self.board_integral = np.zeros(n)
+        self.joints["board_integral"] = 0.0
         self._past: deque[Prediction] = deque(maxlen=MAX_LATE_TICKS + 1)
         self.adopt(np.zeros((n, 4)))
 
     @property
     def position(self) -> FloatArray | None:
         """(n,) positions of the stick-slip models [rad]; None before the first tick."""
-        return self._models.position if self._past else None
+        return self._models.states["position"] if self._past else None
 
     @property
     def model_velocity(self) -> FloatArray:
         """(n,) speed of the stick-slip models [rad/s]."""
-        return self._models.velocity
+        return self._models.states["velocity"].copy()
 
     def step(
         self,
@@ -125,110 +239,81 @@ class ErrorPredictor:
             acceleration: (n,) desired [rad/s2].
             measured: (n,) measured positions [rad], where the stick-slip models start in the first tick.
         """
-        stick_slip = self._models
-        load = self.identified["load_gain"] * load_torque
         if not self._past:
-            stick_slip.start(measured, target)
-            # At rest, the integral of a motor board has settled to the load that its error does not explain.
-            summed = load + self.identified["offset"] - (target - measured)
-            self.board_integral = np.where(self.integrates, summed, 0.0)
-            stick_slip.integral = np.where(
-                self.integrates, self.board_integral, stick_slip.integral
-            )
-        position = stick_slip.step(target, load_torque)
-        features = self._features
-        features[0], features[1], features[2] = velocity, acceleration, load_torque
+            self._start(target, load_torque, measured)
+        position, speed, friction = self._models.step(target, load_torque)
         self._past.append(
             Prediction(
                 target=target,
-                position=position,
-                moves=np.abs(stick_slip.velocity) > MIN_MOVING_SPEED,
-                friction=stick_slip.friction,
-                load=load,
+                load_torque=load_torque,
                 velocity=velocity,
                 acceleration=acceleration,
-                remainder=self._remainders.predict(features),
+                position=position,
+                speed=speed,
+                friction=friction,
+                remainder=self._remainders.predict(velocity, acceleration, load_torque),
             )
         )
+
+    def _start(self, target: FloatArray, load_torque: FloatArray, measured: FloatArray) -> None:
+        """Start the stick-slip models at rest."""
+        p, integrates = self.identified, self.integrates
+        self._models.start(measured, target)
+        # At rest, the integral of a motor board has settled to the load that its error does not explain.
+        summed = p["load_gain"] * load_torque + p["offset"] - (target - measured)
+        for integral in (self.joints["board_integral"], self._models.states["integral"]):
+            integral[integrates] = summed[integrates]
 
     def before(self, ticks: int) -> Prediction:
         """Return the prediction of ``ticks`` ticks ago, or of the oldest tick available."""
         return self._past[max(-1 - ticks, -len(self._past))]
 
-    def resistance(self, prediction: Prediction) -> FloatArray:
-        """Return (n,) friction and load / K with the adapted constants [rad]."""
-        resistance: FloatArray = (
-            prediction.friction + prediction.load * self._load_factor + self._extra_load
-        )
-        return resistance
+    def friction_band(self, prediction: Prediction, moving: BoolArray) -> FloatArray:
+        """Return the (n,) largest errors at which friction can hold the joints [rad], 0 for those that are to move.
 
-    def friction_band(self, prediction: Prediction) -> FloatArray:
-        """Return the (n,) range from friction at rest in one direction to that in the other [rad]."""
-        band: FloatArray = self._band_unloaded + self._band_per_load * np.abs(prediction.load)
+        It is the range from friction at rest in one direction to that in the other.
+
+        Args:
+            prediction: Of the tick.
+            moving: (n,) joints that are to move.
+        """
+        band = np.empty(len(moving))
+        self._friction_band(self.joints, prediction.load_torque, moving, band)
         return band
 
     def beyond_friction(self, prediction: Prediction, measured: FloatArray) -> FloatArray:
         """Return the (n,) part of the tracking error of joints at rest that friction cannot hold [rad]."""
-        error = prediction.target - measured - prediction.remainder
-        return self._models.beyond_friction(
-            error, prediction.load * self._load_factor + self._offset
+        beyond = np.empty(len(measured))
+        self._beyond_friction(
+            self.joints,
+            self._models.constants,
+            prediction.target,
+            prediction.load_torque,
+            prediction.remainder,
+            measured,
+            beyond,
         )
-
-    def update_integrals(self, error: FloatArray, motor: FloatArray, bad: BoolArray | None) -> None:
-        """Update the estimated integrals of the motor boards.
-
-        Args:
-            error: (n,) tracking error [rad].
-            motor: (n,) torques of the motors / K [rad], which correct the estimate.
-            bad: (n,) joints whose values were replaced: their integrals stay.
-        """
-        if not self._any_integrates:
-            return
-        summed = self.board_integral + self.identified["integral_rate"] * self._cycle * error
-        summed += self._cycle / INTEGRAL_CORRECTION_TIME * (motor - error - summed)
-        known = self.integrates if bad is None else self.integrates & ~bad
-        self.board_integral = np.where(known, summed, self.board_integral)
+        return beyond
 
     def rest(self, where: BoolArray, residual: FloatArray) -> None:
         """Move the models of joints (n,) at rest without touch slowly by their residual (n,) [rad]."""
-        # Exactly 0.0: the model sticks, it is not only slow.
-        resting = where & (self._models.velocity == 0.0)
-        if not np.count_nonzero(resting):
-            return
-        stick_slip, pace = self._models, self._correction
-        stick_slip.position = np.where(
-            resting, stick_slip.position - pace * residual, stick_slip.position
-        )
-        if self._any_integrates:
-            summed = stick_slip.integral + pace * (self.board_integral - stick_slip.integral)
-            stick_slip.integral = np.where(resting & self.integrates, summed, stick_slip.integral)
+        self._rest(self.joints, self._models.states, where, residual, self._correction)
 
     def put(self, where: BoolArray, measured: FloatArray) -> None:
         """Reset models to the measured positions: with the desired velocity, or held by friction where it is low."""
         velocity = self._past[-1].velocity
+        integral = self._models.states["integral"]
         self._models.put(
             where,
             measured,
             np.where(np.abs(velocity) > REST_SPEED, velocity, 0.0),
-            np.where(self.integrates, self.board_integral, self._models.integral),
+            np.where(self.integrates, self.joints["board_integral"], integral),
         )
 
     def shift(self, error: FloatArray) -> None:
         """Increase the tracking error of the stick-slip models by (n,) [rad] at once."""
-        self._models.position = self._models.position - error
+        self._models.states["position"] -= error
 
     def adopt(self, deviation: FloatArray) -> None:
         """Set the adapted constants of the stick-slip models: (n, 4) deviations of ``Adaptation``."""
-        p = self.identified
-        self._load_factor, self._extra_load = 1.0 + deviation[:, 2], deviation[:, 3] * OFFSET_UNIT
-        self._offset = p["offset"] + self._extra_load
-        self._models.set(
-            {
-                **p,
-                # At least a fifth of the identified values: both must stay positive.
-                "friction": p["friction"] * np.maximum(1.0 + deviation[:, 0], 0.2),
-                "lag": p["lag"] * np.maximum(1.0 + deviation[:, 1], 0.2),
-                "load_gain": p["load_gain"] * self._load_factor,
-                "offset": self._offset,
-            }
-        )
+        self._adopt(self.joints, self.identified, self._models.constants, deviation)

@@ -3,7 +3,9 @@ from __future__ import annotations
 import gc
 import math
 import warnings
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass, replace
+from functools import partial
 from time import perf_counter
 from types import FunctionType, ModuleType
 from typing import Any
@@ -14,12 +16,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.errors import ArgumentError
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.fitting.tree import fit_joint
 from pepper_driver.observer.interface import Contact, JointState, Observation
 from pepper_driver.observer.models.model_file import ModelFileError
 from support.examples import examples
+from support.fusion import MODEL, fusion_observer, fusion_set
 from support.observer import (
     AFFINE,
     CYCLE,
@@ -33,6 +37,7 @@ from support.observer import (
     free_run,
     models,
     motion,
+    random_ticks,
     tick,
 )
 
@@ -169,6 +174,52 @@ def test_a_bad_tick_makes_its_joint_blind_for_a_median_window(bad: Tick) -> None
             assert np.isnan(values[ELBOW]) == blind
         assert observation.state[HEAD] == JointState.FREE
         assert np.isfinite(observation.residual[HEAD])
+
+
+MODES: dict[str, Callable[[], ContactObserver]] = {
+    "paper": observer,
+    "fusion": partial(fusion_observer, adapt=True),
+    "momentum": lambda: ContactObserver(ROBOT, fusion_set(MODEL), SETTINGS, momentum=True),
+}
+
+
+def foreign(part: Any) -> Any:
+    """The same numbers with gaps, in another order of bytes, and read-only."""
+    changes = {}
+    for field in fields(part):
+        values = getattr(part, field.name)
+        if isinstance(values, np.ndarray) and values.dtype == np.float64:
+            wide = np.zeros((len(values), 2), dtype=">f8")
+            wide[:, 0] = values
+            wide.flags.writeable = False
+            changes[field.name] = wide[:, 0]
+        elif is_dataclass(values):
+            changes[field.name] = foreign(values)
+    return replace(part, **changes)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_arrays_may_be_of_any_layout(mode: str) -> None:
+    here, there = MODES[mode](), MODES[mode]()
+    for one in random_ticks(40, 1):
+        sent = replace(one.sent, stiffness=np.ones(JOINTS))
+        one = replace(one, sent=sent, measurement=replace(one.measurement, age=0.0))
+        expected, found = here.step(one), there.step(foreign(one))
+        for field in fields(Observation):
+            np.testing.assert_array_equal(getattr(found, field.name), getattr(expected, field.name))
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("size", [JOINTS - 1, JOINTS + 1])
+@pytest.mark.parametrize(
+    ("part", "name"),
+    [("measurement", "current"), ("sent", "position"), ("reference", "load_torque")],
+)
+def test_ticks_of_another_robot_are_refused(mode: str, size: int, part: str, name: str) -> None:
+    one = tick(0)
+    other = replace(one, **{part: replace(getattr(one, part), **{name: np.zeros(size)})})
+    with pytest.raises(ArgumentError, match=f"{size}.* not of .*{JOINTS}"):
+        MODES[mode]().step(other)
 
 
 @pytest.mark.parametrize("age", [0.031, 5.0, math.nan, math.inf])

@@ -96,31 +96,31 @@ def test_is_the_margin_over_a_high_rank_of_the_blocks(
             target.learn(*row)
     for joint in range(3):
         bound, known = defined(residual[:, joint], seen[:, joint], moving[:, joint], touches)
-        assert target.bound[joint] == pytest.approx(bound, rel=1e-12)
-        assert target.known[joint] == pytest.approx(known, rel=1e-12)
+        assert target.envelopes["bound"][joint] == pytest.approx(bound, rel=1e-12)
+        assert target.envelopes["known"][joint] == pytest.approx(known, rel=1e-12)
 
 
 def test_forgets_what_was_longer_ago_than_it_remembers() -> None:
     target = envelope()
     learn_blocks(target, [0.2] * ENVELOPE_RANK + [0.1] * (MAX_BLOCKS - ENVELOPE_RANK))
-    assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.2)
+    assert target.envelopes["bound"][0] == pytest.approx(ENVELOPE_FACTOR * 0.2)
     learn_blocks(target, [0.1] * ENVELOPE_RANK)
-    assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
+    assert target.envelopes["bound"][0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
 
 
 def test_two_touches_that_were_not_detected_have_no_effect() -> None:
     quiet = [0.1] * (BLOCKS_PER_RANK * ENVELOPE_RANK)
     target = envelope()
     learn_blocks(target, [*quiet, 0.2, *quiet[:5], 0.3])
-    assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
+    assert target.envelopes["bound"][0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
     learn_blocks(target, [0.2])
-    assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.2)
+    assert target.envelopes["bound"][0] == pytest.approx(ENVELOPE_FACTOR * 0.2)
 
 
 def test_touches_in_every_fourth_block_do_not_make_it_deaf() -> None:
     target = envelope()
     learn_blocks(target, [9.0, 0.1, 0.1, 0.1] * 12)
-    assert target.bound[0] == pytest.approx(MEDIAN_FACTOR * 0.1)
+    assert target.envelopes["bound"][0] == pytest.approx(MEDIAN_FACTOR * 0.1)
 
 
 def test_of_the_first_blocks_the_largest_counts() -> None:
@@ -132,39 +132,39 @@ def test_of_the_first_blocks_the_largest_counts() -> None:
     ):
         target = envelope(identified=identified)
         learn_blocks(target, [0.9, *[0.1] * (BLOCKS_PER_RANK - 2)])
-        assert target.bound[0] == pytest.approx(MEDIAN_FACTOR * 0.1)
-        assert target.factor[0] == pytest.approx(few)
+        assert target.envelopes["bound"][0] == pytest.approx(MEDIAN_FACTOR * 0.1)
+        assert target.envelopes["factor"][0] == pytest.approx(few)
         learn_blocks(target, [0.1])
-        assert target.factor[0] == pytest.approx(
+        assert target.envelopes["factor"][0] == pytest.approx(
             min(MEDIAN_FACTOR * 0.1 / identified, MAX_ENVELOPE_FACTOR)
         )
     target = envelope(identified=0.1)
     learn_blocks(target, [0.2, *[0.1] * (BLOCKS_PER_RANK - 1)])
-    assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.2)
+    assert target.envelopes["bound"][0] == pytest.approx(ENVELOPE_FACTOR * 0.2)
     learn_blocks(target, [0.1] * BLOCKS_PER_RANK)
-    assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
-    assert target.factor[0] == pytest.approx(ENVELOPE_FACTOR)
+    assert target.envelopes["bound"][0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
+    assert target.envelopes["factor"][0] == pytest.approx(ENVELOPE_FACTOR)
 
 
 def test_all_is_known_after_the_first_blocks_of_motion() -> None:
     target = envelope()
     for k in range(BLOCKS_PER_RANK):
-        assert target.known[0] == pytest.approx(k / BLOCKS_PER_RANK)
+        assert target.envelopes["known"][0] == pytest.approx(k / BLOCKS_PER_RANK)
         target.touched()  # takes nothing of it away
         for _ in range(BLOCK_TICKS):
             target.learn(np.array([QUIET]), YES, YES)
-    assert target.known[0] == 1.0
+    assert target.envelopes["known"][0] == 1.0
     learn_blocks(target, [QUIET] * MAX_BLOCKS)
-    assert target.known[0] == 1.0
+    assert target.envelopes["known"][0] == 1.0
 
 
 def test_rest_alone_proves_nothing_but_counts_with_motion() -> None:
     target = envelope()
     for _ in range(20 * BLOCK_TICKS):
         target.learn(np.array([0.2]), YES, NO)
-    assert (target.bound[0], target.known[0]) == (0.0, 0.0)
+    assert (target.envelopes["bound"][0], target.envelopes["known"][0]) == (0.0, 0.0)
     learn_blocks(target, [0.1] * BLOCKS_PER_RANK)
-    assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.2)
+    assert target.envelopes["bound"][0] == pytest.approx(ENVELOPE_FACTOR * 0.2)
 
 
 def test_the_beginning_of_a_touch_teaches_nothing() -> None:
@@ -177,7 +177,7 @@ def test_the_beginning_of_a_touch_teaches_nothing() -> None:
     for _ in range(POST_CONTACT_TICKS):
         target.learn(np.array([0.1]), YES, YES)
     learn_blocks(target, [0.1] * 3)
-    assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
+    assert target.envelopes["bound"][0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
 
 
 def test_after_a_touch_nothing_is_learned_for_a_while() -> None:
@@ -189,25 +189,30 @@ def test_after_a_touch_nothing_is_learned_for_a_while() -> None:
         for _ in range(POST_CONTACT_TICKS if touch == 2 else POST_CONTACT_TICKS // 2):
             target.learn(np.array([0.4]), YES, YES)
     learn_blocks(target, [0.1])
-    assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
+    assert target.envelopes["bound"][0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
 
 
 def test_a_touch_takes_nothing_of_what_was_learned_before() -> None:
     target = envelope()
     learn_blocks(target, [0.1] * BLOCKS_PER_RANK)
     target.touched()
-    assert (target.bound[0], target.known[0]) == (pytest.approx(ENVELOPE_FACTOR * 0.1), 1.0)
+    assert (target.envelopes["bound"][0], target.envelopes["known"][0]) == (
+        pytest.approx(ENVELOPE_FACTOR * 0.1),
+        1.0,
+    )
 
 
 def test_joints_that_cannot_be_judged_disturb_no_other() -> None:
     target = envelope(2)
     for _ in range((BLOCKS_PER_RANK + 1) * BLOCK_TICKS):
         target.learn(np.array([np.nan, 0.1]), np.array([False, True]), np.array([True, True]))
-    np.testing.assert_allclose(target.bound, [0.0, ENVELOPE_FACTOR * 0.1])
+    np.testing.assert_allclose(target.envelopes["bound"], [0.0, ENVELOPE_FACTOR * 0.1])
     # Nor does it matter later that there was nothing.
     for _ in range(2 * BLOCK_TICKS):
         target.learn(np.array([0.2, 0.1]), np.array([True, True]), np.array([True, True]))
-    np.testing.assert_allclose(target.bound, [ENVELOPE_FACTOR * 0.2, ENVELOPE_FACTOR * 0.1])
+    np.testing.assert_allclose(
+        target.envelopes["bound"], [ENVELOPE_FACTOR * 0.2, ENVELOPE_FACTOR * 0.1]
+    )
 
 
 def test_reset_forgets() -> None:
@@ -217,9 +222,9 @@ def test_reset_forgets() -> None:
         target.learn(np.array([9.0]), YES, YES)
     target.touched()
     target.reset()
-    assert (target.bound[0], target.known[0]) == (0.0, 0.0)
+    assert (target.envelopes["bound"][0], target.envelopes["known"][0]) == (0.0, 0.0)
     learn_blocks(target, [0.1] * BLOCKS_PER_RANK)
-    assert target.bound[0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
+    assert target.envelopes["bound"][0] == pytest.approx(ENVELOPE_FACTOR * 0.1)
 
 
 def test_long_after_a_touch_what_is_nearly_detected_counts_again() -> None:
@@ -229,10 +234,10 @@ def test_long_after_a_touch_what_is_nearly_detected_counts_again() -> None:
     target.touched()
     for _ in range(SUSPECT_TICKS + POST_CONTACT_TICKS):
         target.learn(np.array([QUIET]), YES, NO)
-    before = float(target.bound[0])
+    before = float(target.envelopes["bound"][0])
     for _ in range(3 * BLOCK_TICKS):
         target.learn(np.array([0.9 * identified]), YES, YES)
-    assert float(target.bound[0]) > before
+    assert float(target.envelopes["bound"][0]) > before
 
 
 @pytest.mark.parametrize(
@@ -247,12 +252,12 @@ def test_what_is_nearly_detected_among_touches_widens_nothing(
     target = envelope(identified=identified)
     for _ in range((BLOCKS_PER_RANK + 2) * BLOCK_TICKS):
         target.learn(np.array([QUIET]), YES, YES)
-    before = float(target.bound[0])
-    assert target.known[0] == 1.0
+    before = float(target.envelopes["bound"][0])
+    assert target.envelopes["known"][0] == 1.0
     if touched:
         target.touched()
         for _ in range(POST_CONTACT_TICKS):
             target.learn(np.array([share * identified]), YES, YES)
     for _ in range(10 * BLOCK_TICKS):
         target.learn(np.array([share * identified]), YES, YES)
-    assert (float(target.bound[0]) > before) == counts
+    assert (float(target.envelopes["bound"][0]) > before) == counts

@@ -6,6 +6,7 @@ from sklearn.tree import DecisionTreeRegressor
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.fitting.tree import AffineGrowth, fit_affine, fit_cart
+from pepper_driver.observer.models.tree import BatchedTrees
 from support.observer import free_error, motion
 
 
@@ -35,8 +36,8 @@ def test_cart_is_the_tree_of_scikit_learn(min_samples_leaf: int) -> None:
         np.testing.assert_allclose(
             ours.predict(features), theirs.predict(features), rtol=0, atol=1e-12
         )
-        one = [ours.predict_one(*row) for row in features[:300].tolist()]
-        np.testing.assert_allclose(one, theirs.predict(features[:300]), rtol=0, atol=1e-12)
+        one_by_one = BatchedTrees([ours] * 300).predict(*np.ascontiguousarray(features[:300].T))
+        np.testing.assert_allclose(one_by_one, theirs.predict(features[:300]), rtol=0, atol=1e-12)
 
 
 def test_cart_decides_like_scikit_learn_between_neighbouring_single_floats() -> None:
@@ -96,9 +97,9 @@ def test_affine_beats_cart_beyond_the_motions_of_the_fit() -> None:
 def test_extrapolation_ends_one_range_beyond_the_fit() -> None:
     x = np.random.default_rng(0).uniform(-1, 1, size=(2000, 3))
     tree = fit_affine(x, x[:, 0].copy(), leaves=4, shrinkage=0.0)
-    assert tree.predict_one(2.5, 0.0, 0.0) == pytest.approx(2.5, abs=1e-5)
-    assert tree.predict_one(50.0, 0.0, 0.0) == pytest.approx(3.0, abs=1e-2)
-    assert tree.predict_one(-50.0, 9.0, -9.0) == pytest.approx(-3.0, abs=1e-2)
+    assert tree.predict(np.array([[2.5, 0.0, 0.0]]))[0] == pytest.approx(2.5, abs=1e-5)
+    assert tree.predict(np.array([[50.0, 0.0, 0.0]]))[0] == pytest.approx(3.0, abs=1e-2)
+    assert tree.predict(np.array([[-50.0, 9.0, -9.0]]))[0] == pytest.approx(-3.0, abs=1e-2)
 
 
 def test_shrinkage_draws_leaves_to_their_ancestors() -> None:

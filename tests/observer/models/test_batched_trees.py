@@ -78,21 +78,12 @@ def random_samples(rng: Random, n: int, joints: int) -> FloatArray:
     return chosen
 
 
-def one_by_one(trees: Sequence[Tree | None], features: FloatArray) -> list[float]:
-    return [
-        math.nan if tree is None else tree.predict_one(*features[:, joint].tolist())
-        for joint, tree in enumerate(trees)
-    ]
-
-
 def check(trees: Sequence[Tree | None], samples: FloatArray) -> None:
     forest = BatchedTrees(trees)
-    together = np.array([forest.predict(features) for features in samples])
-    alone = [one_by_one(trees, features) for features in samples]
-    np.testing.assert_array_equal(together, alone)
+    together = np.array([forest.predict(*features) for features in samples])
     for joint, tree in enumerate(trees):
-        if tree is not None:
-            np.testing.assert_array_equal(together[:, joint], tree.predict(samples[:, :, joint]))
+        alone = np.nan if tree is None else tree.predict(samples[:, :, joint])
+        np.testing.assert_array_equal(together[:, joint], alone)
 
 
 MAKERS: list[Callable[[Random], Tree | None]] = [random_cart, random_affine, lambda _: None]
@@ -133,7 +124,7 @@ def test_a_sample_on_a_threshold_goes_left() -> None:
     )  # fmt: skip
     above = float(np.nextafter(0.5, 1.0))
     features = np.array([[9.0] * 2, [0.5, above], [9.0] * 2])
-    np.testing.assert_array_equal(BatchedTrees([tree] * 2).predict(features), [3.0, 4.0])
+    np.testing.assert_array_equal(BatchedTrees([tree] * 2).predict(*features), [3.0, 4.0])
 
 
 def test_features_are_clamped_to_the_bounds_of_their_own_tree() -> None:
@@ -141,16 +132,16 @@ def test_features_are_clamped_to_the_bounds_of_their_own_tree() -> None:
     features = np.array([[9.0] * 2, [-99.0] * 2, [9.0] * 2])
     # Clamped to (2, -10, 5) and (9, -20, 9), in the leaf 0.2 - acceleration + 3 load.
     np.testing.assert_allclose(
-        BatchedTrees([AFFINE, wide]).predict(features), [0.2 + 10 + 15, 0.2 + 20 + 27]
+        BatchedTrees([AFFINE, wide]).predict(*features), [0.2 + 10 + 15, 0.2 + 20 + 27]
     )
 
 
 def test_a_joint_without_a_tree_gets_nan() -> None:
     np.testing.assert_array_equal(
-        BatchedTrees([None, SILENT]).predict(np.zeros((3, 2))), [np.nan, 0.0]
+        BatchedTrees([None, SILENT]).predict(*np.zeros((3, 2))), [np.nan, 0.0]
     )
     np.testing.assert_array_equal(
-        BatchedTrees([None, None]).predict(np.zeros((3, 2))), [np.nan] * 2
+        BatchedTrees([None, None]).predict(*np.zeros((3, 2))), [np.nan] * 2
     )
 
 
@@ -164,12 +155,12 @@ def test_values_that_are_not_finite_harm_no_other_joint(
     features[place, 1] = value
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        values = BatchedTrees([tree] * 3).predict(features)
-    expected = tree.predict_one(0.1, 0.1, 0.1)
+        values = BatchedTrees([tree] * 3).predict(*features)
+    [expected] = tree.predict(np.full((1, FEATURES), 0.1))
     np.testing.assert_array_equal(values[[0, 2]], [expected] * 2)
     if isinstance(tree, AffineTree):
         # Infinite features are clamped, and others spoil the value.
-        exact = math.nan if math.isnan(value) else tree.predict_one(*features[:, 1].tolist())
+        exact = math.nan if math.isnan(value) else tree.predict(features[None, :, 1])[0]
         np.testing.assert_array_equal(values[1], exact)
     else:
         assert values[1] in tree.value
@@ -177,5 +168,5 @@ def test_values_that_are_not_finite_harm_no_other_joint(
 
 def test_what_goes_in_is_only_read() -> None:
     features = np.full((FEATURES, 2), 50.0)
-    BatchedTrees([AFFINE, None]).predict(features)
+    BatchedTrees([AFFINE, None]).predict(*features)
     assert (features == 50.0).all()

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given
 from hypothesis import strategies as st
@@ -286,7 +287,7 @@ def test_a_file_with_bytes_altered_is_refused_or_makes_a_valid_model(
     for model in loaded.models.values():
         assert isinstance(model, AffineTree)
         assert len(model.feature) == len(AFFINE.feature)
-        assert isinstance(model.predict_one(0.1, -0.2, 0.3), float)
+        assert np.isfinite(model.predict(np.array([[0.1, -0.2, 0.3]]))).all()
 
 
 def test_models_of_another_robot_are_refused(file: Path) -> None:

@@ -17,6 +17,8 @@ from pepper_driver.observer.models.stick_slip import (
     StickSlipError,
     StickSlipModel,
     StickSlipParameters,
+    beyond_friction,
+    stick_slip_constants,
 )
 from support.examples import examples
 from support.fusion import STICK_SLIP, Motion, drive, swing
@@ -38,7 +40,7 @@ def play(
     model.start(np.array([target[0] if start is None else start]), target[:1])
     loads = np.broadcast_to(load, len(target))
     rows = [
-        model.step(np.array([x]), np.array([tau])) for x, tau in zip(target, loads, strict=True)
+        model.step(np.array([x]), np.array([tau]))[0] for x, tau in zip(target, loads, strict=True)
     ]
     return np.concatenate(rows)
 
@@ -192,30 +194,29 @@ def test_what_friction_cannot_hold_is_what_would_move_a_model(
     error: float, load: float, changes: dict[str, float]
 ) -> None:
     parameters = replace(STICK_SLIP, **changes)
-    model = StickSlipModel.from_parameters([parameters], CYCLE)
+    constants = stick_slip_constants([parameters])
     load_angle = parameters.load_gain * load + parameters.offset
-    [beyond] = model.beyond_friction(np.array([error]), np.array([load_angle]))
+    beyond = beyond_friction(constants, 0, error, load_angle)
     [at] = play(parameters, np.array([error, error]), load, start=0.0)[-1:]
     assert (beyond == 0.0) == (at == 0.0)
     assert beyond * at >= 0.0
     if beyond and not parameters.dead_band:  # less error by so much, and friction can just hold it
-        [left] = model.beyond_friction(np.array([error - beyond]), np.array([load_angle]))
-        assert abs(left) < 1e-12
+        assert abs(beyond_friction(constants, 0, error - beyond, load_angle)) < 1e-12
 
 
 def test_friction_is_what_holds_it_and_opposes_motion() -> None:
     model = StickSlipModel.from_parameters([STICK_SLIP], CYCLE)
     model.start(np.zeros(1), np.zeros(1))
-    model.step(np.array([0.006]), np.array([0.2]))
-    assert model.velocity[0] == 0.0
-    assert model.friction[0] == pytest.approx(0.006 - 0.002)
-    model.step(np.array([0.1]), np.array([0.0]))
-    assert model.velocity[0] > 0
-    assert model.friction[0] == pytest.approx(STICK_SLIP.friction)
+    _, velocity, friction = model.step(np.array([0.006]), np.array([0.2]))
+    assert velocity[0] == 0.0
+    assert friction[0] == pytest.approx(0.006 - 0.002)
+    _, velocity, friction = model.step(np.array([0.1]), np.array([0.0]))
+    assert velocity[0] > 0
+    assert friction[0] == pytest.approx(STICK_SLIP.friction)
     model.start(np.zeros(1), np.zeros(1))
-    model.step(np.array([-0.1]), np.array([0.0]))
-    assert model.velocity[0] < 0
-    assert model.friction[0] == pytest.approx(-STICK_SLIP.friction)
+    _, velocity, friction = model.step(np.array([-0.1]), np.array([0.0]))
+    assert velocity[0] < 0
+    assert friction[0] == pytest.approx(-STICK_SLIP.friction)
 
 
 PARAMETER_SETS = st.builds(
@@ -271,15 +272,15 @@ def test_put_moves_only_the_joints_named() -> None:
     goal, nothing = np.full(3, 0.1), np.zeros(3)
     for _ in range(5):
         model.step(goal, nothing)
-    before = model.position.copy(), model.velocity.copy()
+    before = model.states.copy()
     where = np.array([False, True, True])
     # More than friction off its goal, but no more than breakaway: at rest the one stays, the other continues.
     model.put(where, np.full(3, 0.091), np.array([9.0, 0.0, 0.3]), np.full(3, 0.0))
-    assert (model.position[0], model.velocity[0]) == (before[0][0], before[1][0])
-    assert model.position[1] == model.position[2] == 0.091
-    model.step(goal, nothing)
-    assert model.position[1] == 0.091
-    assert model.position[2] > 0.091
+    assert model.states[0] == before[0]
+    assert model.states["position"][1:].tolist() == [0.091, 0.091]
+    position, _, _ = model.step(goal, nothing)
+    assert position[1] == 0.091
+    assert position[2] > 0.091
 
 
 def test_put_gives_the_board_its_integral() -> None:
@@ -289,9 +290,9 @@ def test_put_gives_the_board_its_integral() -> None:
     # Exactly what the load needs: there it stays, and without it it sinks.
     model.put(np.array([True, False]), np.zeros(2), np.zeros(2), np.full(2, 0.05))
     for _ in range(20):
-        model.step(np.zeros(2), np.full(2, 5.0))
-    assert model.position[0] == 0.0
-    assert model.position[1] < -0.02
+        position, _, _ = model.step(np.zeros(2), np.full(2, 5.0))
+    assert position[0] == 0.0
+    assert position[1] < -0.02
 
 
 def test_models_of_several_joints_are_independent() -> None:
@@ -306,7 +307,7 @@ def test_models_of_several_joints_are_independent() -> None:
     start = np.full(4, motion.position[0])
     model.start(start, start)
     rows = [
-        model.step(np.full(4, x), np.full(4, tau))
+        model.step(np.full(4, x), np.full(4, tau))[0]
         for x, tau in zip(motion.position, motion.load, strict=True)
     ]
     together = np.array(rows)
@@ -316,14 +317,27 @@ def test_models_of_several_joints_are_independent() -> None:
             np.testing.assert_allclose(together[:, column], alone, atol=1e-15)
 
 
+@given(PARAMETER_SETS, st.floats(0.0, 1.0), st.floats(-0.1, 0.1))
+def test_a_whole_run_has_the_bits_of_its_steps(
+    parameters: StickSlipParameters, integral_rate: float, off: float
+) -> None:
+    board = replace(parameters, integral_rate=integral_rate)
+    motion, start = swing(1.0), 0.2 + off
+    model = StickSlipModel.from_parameters([None, board], CYCLE)
+    before = model.states.copy()
+    states = model.play(1, start, motion.position, motion.load)
+    steps = play(board, motion.position, motion.load, start=start)
+    np.testing.assert_array_equal(states["position"], steps)
+    np.testing.assert_array_equal(model.states, before)
+
+
 def test_positions_handed_out_are_not_written_to_later() -> None:
     model = StickSlipModel.from_parameters([STICK_SLIP], CYCLE)
     model.start(np.zeros(1), np.zeros(1))
-    first = model.step(np.array([0.2]), np.zeros(1))
-    kept = first.copy()
+    first = np.array(handed_out := model.step(np.array([0.2]), np.zeros(1)))
     model.step(np.array([0.4]), np.zeros(1))
     model.put(np.array([True]), np.ones(1), np.ones(1), np.ones(1))
-    np.testing.assert_array_equal(first, kept)
+    np.testing.assert_array_equal(first, np.array(handed_out))
 
 
 @pytest.mark.parametrize("name", PARAMETERS)

@@ -2,17 +2,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from timeit import repeat
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from pepper_driver.observer.fitting.tree import fit_affine
-from pepper_driver.observer.models.tree import AffineTree, CartTree, TreeError
-from support.observer import AFFINE, SILENT
+from pepper_driver.observer.models.tree import CartTree, TreeError
+from support.observer import AFFINE
 
 CART = CartTree(
     feature=(0, 1, -1, -1, -1),
@@ -32,7 +28,6 @@ CART = CartTree(
     ],
 )
 def test_cart_walks_to_the_leaf(sample: tuple[float, float, float], value: float) -> None:
-    assert CART.predict_one(*sample) == value
     assert CART.predict(np.array([sample]))[0] == value
     assert CART.leaves == 3
 
@@ -50,24 +45,13 @@ def test_cart_walks_to_the_leaf(sample: tuple[float, float, float], value: float
 def test_affine_evaluates_the_function_of_the_leaf(
     sample: tuple[float, float, float], value: float
 ) -> None:
-    assert AFFINE.predict_one(*sample) == pytest.approx(value, abs=1e-12)
     assert AFFINE.predict(np.array([sample]))[0] == pytest.approx(value, abs=1e-12)
-
-
-@given(st.lists(st.tuples(*[st.floats(-20, 20)] * 3), min_size=1, max_size=30))
-def test_one_sample_and_many_give_the_same_bits(rows: list[tuple[float, float, float]]) -> None:
-    for tree in (CART, AFFINE, SILENT):
-        one_by_one = [tree.predict_one(*row) for row in rows]
-        np.testing.assert_array_equal(tree.predict(np.array(rows)), one_by_one)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e308])
 def test_bad_values_raise_nothing(value: float) -> None:
     for tree in (CART, AFFINE):
-        for place in range(3):
-            sample = [0.0, 0.0, 0.0]
-            sample[place] = value
-            tree.predict_one(*sample)
+        tree.predict(np.where(np.eye(3, dtype=np.bool_), value, 0.0))
 
 
 @pytest.mark.parametrize(
@@ -113,13 +97,3 @@ def test_refuses_arrays_that_are_no_tree(changes: dict[str, Any], message: str) 
 def test_refuses_affine_leaves_that_make_no_sense(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(TreeError, match=message):
         replace(AFFINE, **changes)
-
-
-def test_one_sample_is_fast_enough_for_seventeen_joints_in_a_tick() -> None:
-    rng = np.random.default_rng(0)
-    features = rng.normal(size=(20_000, 3))
-    target = np.sin(3 * features).prod(axis=1)
-    tree: AffineTree = fit_affine(features, target, leaves=64, shrinkage=1.0)
-    assert tree.leaves == 64
-    best = min(repeat(lambda: tree.predict_one(0.3, -0.2, 0.1), number=2000, repeat=5)) / 2000
-    assert best < 10e-6

@@ -64,7 +64,7 @@ def test_without_wandering_it_is_ridge_regression() -> None:
     for k in range(80):
         # The models follow: the rest is what they do not contain yet.
         left = residual[k] - (effects[k] * target.deviation).sum(axis=1)
-        target.update(left, effects[k], 0.0, np.ones(2, dtype=np.bool_))
+        target.update(left, effects[k], np.zeros(2), np.ones(2, dtype=np.bool_))
         for joint in range(2):
             batch = ridge(effects[: k + 1, joint], residual[: k + 1, joint], PRIOR_STD)
             np.testing.assert_allclose(target.deviation[joint], batch, rtol=1e-6, atol=1e-9)
@@ -76,7 +76,7 @@ def test_variance_is_that_of_ridge_regression() -> None:
     target = adapt(process_noise=STILL)
     effects = samples(30, 2)
     for row in effects:
-        target.update(np.zeros(2), row, 0.0, np.ones(2, dtype=np.bool_))
+        target.update(np.zeros(2), row, np.zeros(len(row)), np.ones(2, dtype=np.bool_))
     asked = samples(1, 3)[0]
     for joint in range(2):
         precision = effects[:, joint].T @ effects[:, joint] / (NOISE_FACTOR * SPREAD) ** 2
@@ -115,7 +115,7 @@ def test_touched_joints_learn_nothing() -> None:
     target = adapt()
     effects = samples(50, 5)
     for row in effects:
-        target.update(np.full(2, 0.05), row, 0.0, np.array([True, False]))
+        target.update(np.full(2, 0.05), row, np.zeros(len(row)), np.array([True, False]))
     assert np.abs(target.deviation[0]).max() > 0.1
     assert (target.deviation[1] == 0).all()
     asked = samples(1, 6)[0]
@@ -128,11 +128,11 @@ def test_knowledge_of_a_touched_joint_grows_old() -> None:
     free, touched = np.array([True]), np.array([False])
     effects = samples(100, 7, joints=1)
     for row in effects:
-        target.update(np.zeros(1), row, 0.0, free)
+        target.update(np.zeros(1), row, np.zeros(len(row)), free)
     asked = samples(1, 8, joints=1)[0]
     before = target.variance(asked)[0]
     for row in effects:
-        target.update(np.zeros(1), row, 0.0, touched)
+        target.update(np.zeros(1), row, np.zeros(len(row)), touched)
     assert before < target.variance(asked)[0] < adapt(1).variance(asked)[0]
 
 
@@ -143,7 +143,9 @@ def test_variance_never_exceeds_the_prior(seed: int, n: int, size: float) -> Non
     target, prior = adapt(), adapt()
     units = np.eye(4)[:, None, :].repeat(2, axis=1)
     for row in samples(n, seed):
-        target.update(size * rng.standard_normal(2), row, 0.0, rng.uniform(size=2) < 0.7)
+        target.update(
+            size * rng.standard_normal(2), row, np.zeros(len(row)), rng.uniform(size=2) < 0.7
+        )
         for unit in units:
             assert (target.variance(unit) <= prior.variance(unit) * (1 + 1e-9)).all()
     assert np.isfinite(target.deviation).all()
@@ -156,7 +158,9 @@ def test_follows_what_changes_slowly() -> None:
     # Six minutes in which friction first stays, then grows by a tenth.
     friction = np.concatenate((np.zeros(1500), np.linspace(0.0, 0.1, 1500)))
     for ratio, row in zip(friction, effects, strict=True):
-        target.update(ratio * row[:, 0] - row @ target.deviation[0], row, 0.0, np.array([True]))
+        target.update(
+            ratio * row[:, 0] - row @ target.deviation[0], row, np.zeros(len(row)), np.array([True])
+        )
     assert target.deviation[0, 0] == pytest.approx(0.1, abs=0.04)
 
 
@@ -179,8 +183,8 @@ def test_joints_without_a_model_disturb_no_other() -> None:
     alone = adapt(1)
     for row in samples(40, 10, joints=1):
         both = np.nan_to_num(np.vstack((row, np.full((1, 4), np.nan))))
-        target.update(np.array([0.01, 0.0]), both, 0.0, np.array([True, False]))
-        alone.update(np.array([0.01]), row, 0.0, np.array([True]))
+        target.update(np.array([0.01, 0.0]), both, np.zeros(2), np.array([True, False]))
+        alone.update(np.array([0.01]), row, np.zeros(len(row)), np.array([True]))
     np.testing.assert_allclose(target.deviation[0], alone.deviation[0])
     assert (target.deviation[1] == 0).all()
 
@@ -188,7 +192,7 @@ def test_joints_without_a_model_disturb_no_other() -> None:
 def test_reset_forgets() -> None:
     target = adapt()
     for row in samples(40, 11):
-        target.update(np.full(2, 0.02), row, 0.0, np.ones(2, dtype=np.bool_))
+        target.update(np.full(2, 0.02), row, np.zeros(len(row)), np.ones(2, dtype=np.bool_))
     target.reset()
     assert (target.deviation == 0).all()
     asked = samples(1, 12)[0]

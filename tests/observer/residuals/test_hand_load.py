@@ -14,6 +14,7 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tick import Reference, Tick
 from pepper_driver.observer.models.fusion_model import FusionModel
+from pepper_driver.observer.models.payload import PayloadRegressor
 from pepper_driver.observer.residuals.adaptation import (
     FRICTION_UNCERTAINTY,
     LEARN_PERIOD,
@@ -77,6 +78,7 @@ def torque_of(
 
 
 PLAIN = RobotModel(ROBOT)
+PAYLOADS = PayloadRegressor(PLAIN, list(WRISTS.values()))
 
 
 def added(
@@ -108,13 +110,12 @@ def rng() -> np.random.Generator:
 
 
 def test_regressor_at_rest_is_the_weight_of_both_loads(rng: np.random.Generator) -> None:
-    carriers = [PLAIN.joint_id(wrist) for wrist in WRISTS.values()]
     for _ in range(20):
         position = rng.uniform(-1.5, 1.5, JOINTS)
         masses, places = rng.uniform(0.1, 2.0, 2), rng.uniform(-0.2, 0.2, (2, 3))
         load = loaded(dict(zip(WRISTS.values(), map(point, masses, places), strict=True)))
         nothing = np.zeros(JOINTS)
-        regressor = PLAIN.payload_regressor(carriers, position, nothing, nothing)
+        regressor = PAYLOADS.compute(position, nothing, nothing)
         assert regressor.shape == (JOINTS, 8)
         quantities = np.concatenate([vector(*pair) for pair in zip(masses, places, strict=True)])
         np.testing.assert_allclose(
@@ -126,27 +127,17 @@ def test_regressor_in_motion_leaves_out_only_the_inertia_about_the_link(
     rng: np.random.Generator,
 ) -> None:
     for wrist in WRISTS.values():
+        payload = PayloadRegressor(PLAIN, [wrist])
         for _ in range(20):
             state = [rng.uniform(-1.5, 1.5, JOINTS) for _ in range(2)]
             state.append(rng.uniform(-9.0, 9.0, JOINTS))
             mass, place = float(rng.uniform(0.1, 2.0)), rng.uniform(-0.2, 0.2, 3)
-            regressor = PLAIN.payload_regressor([PLAIN.joint_id(wrist)], *state)
+            regressor = payload.compute(*state)
             load, left_out = (loaded({wrist: of(mass, place)}) for of in (point, about_origin))
             expected = added(load, *state) - added(left_out, *state)
             np.testing.assert_allclose(
                 regressor @ vector(mass, place), expected, rtol=1e-9, atol=1e-9
             )
-
-
-def test_regressor_disturbs_nothing_that_the_model_has_stored(rng: np.random.Generator) -> None:
-    model = RobotModel(ROBOT)
-    q = model.configuration(rng.uniform(-1.0, 1.0, JOINTS))
-    model.set_state(q, np.zeros(model.nv))
-    model.update_kinematics()
-    frame = model.body_frame("l_wrist")
-    before = model.pose(frame).copy()
-    model.payload_regressor([model.joint_id("LWristYaw")], *rng.normal(size=(3, JOINTS)))
-    np.testing.assert_array_equal(model.pose(frame).homogeneous, before.homogeneous)
 
 
 # -- estimate -------------------------------------------------------------------------------------------------------
@@ -239,7 +230,6 @@ def test_without_wandering_it_is_ridge_regression() -> None:
     target = HandLoads(ROBOT, of_joint, process_noise=np.zeros(4), uncertainty=0.0)
     floor = MIN_NOISE + (FRICTION_UNCERTAINTY * STICK_SLIP.friction) ** 2
     rng = np.random.default_rng(2)
-    carriers = [PLAIN.joint_id(wrist) for wrist in WRISTS.values()]
     precision, pull = np.diag(np.tile(LOAD_PRIOR_STD, 2) ** -2.0), np.zeros(8)
     variance = np.zeros(JOINTS)
     for _ in range(40):
@@ -250,7 +240,7 @@ def test_without_wandering_it_is_ridge_regression() -> None:
         use[3] = False
         noise = MIN_NOISE * rng.uniform(0.2, 20.0, JOINTS)
         residual = 0.02 * rng.standard_normal(JOINTS)
-        effect = gains[:, None] * PLAIN.payload_regressor(carriers, q, v, a)
+        effect = gains[:, None] * PAYLOADS.compute(q, v, a)
         weight = np.where(use, 1.0 / (floor + noise), 0.0)
         precision += (effect.T * weight) @ effect
         pull += (effect.T * weight) @ residual

@@ -23,7 +23,6 @@ from pepper_driver.observer.fitting.mobile_base import BASE_BOUND_FACTOR, fit_ba
 from pepper_driver.observer.models.fusion_model import TAPS, BaseModel, BaseModelError
 from pepper_driver.observer.recording import Recording, RecordingBuilder
 from pepper_driver.observer.residuals.mobile_base import (
-    BUFFER_ROWS,
     POST_DRIVE_TIME,
     STANDSTILL_SPEED,
     BaseGenerator,
@@ -126,7 +125,7 @@ def settled(model: BaseModel, made: Sequence[Tick]) -> BaseGenerator:
 def test_residual_is_that_of_the_impulse_response(axis: int) -> None:
     """Every tap, written out; for many times the memory of inputs."""
     rng = np.random.default_rng(axis)
-    n, legs = 4 * BUFFER_ROWS, len(LEGS)
+    n, legs = 40 * TAPS, len(LEGS)
     taps = rng.normal(size=(TAPS, 3 + legs, 3))
     bound, far = 0.02, 1e12  # the other axes detect nothing
     bounds = tuple(bound if k == axis else far for k in range(3))

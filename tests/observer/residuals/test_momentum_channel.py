@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +15,8 @@ from pepper_driver.observer.models.fusion_model import MomentumError, MomentumPa
 from pepper_driver.observer.residuals.momentum import (
     SMOOTHING_TIME,
     ErrorDerivatives,
-    MomentumChannel,
+    momentum_channels,
+    momentum_residual,
 )
 from support.observer import CYCLE
 
@@ -28,10 +28,21 @@ VOLTAGE = replace(CURRENT, source="voltage", torque_per_ampere=0.0, lag=0.03)
 NUMBERS = st.floats(-1.0, 1.0)
 
 
-def residual(parameters: MomentumParameters | None, **values: float) -> tuple[float, float]:
-    arrays: dict[str, Any] = {name: np.array([value]) for name, value in values.items()}
-    found, motor = MomentumChannel([parameters], np.zeros(1, dtype=bool)).residual(**arrays)
-    return float(found[0]), float(motor[0])
+def residual(
+    parameters: MomentumParameters,
+    *,
+    current: float,
+    drive: float,
+    velocity: float = 0.0,
+    acceleration: float = 0.0,
+    resistance: float,
+    model_residual: float,
+    integrates: bool = False,
+) -> tuple[float, float]:
+    channels = momentum_channels([parameters], np.array([integrates]))
+    return momentum_residual(
+        channels, 0, current, drive, velocity, acceleration, resistance, model_residual
+    )
 
 
 @given(NUMBERS, NUMBERS, NUMBERS, NUMBERS, st.floats(-0.999, 0.999))
@@ -66,8 +77,6 @@ def test_a_wrong_sign_errs_by_no_more_than_the_model_did(
         p,
         current=abs(motor) / p.torque_per_ampere,
         drive=0.0,
-        velocity=0.0,
-        acceleration=0.0,
         resistance=resistance,
         model_residual=-external + mistake,
     )
@@ -95,23 +104,17 @@ def test_of_a_voltage_the_motor_is_what_the_board_makes_of_the_error(
 
 
 def test_joints_keep_to_their_own_source() -> None:
-    channel = MomentumChannel([CURRENT, None, VOLTAGE], np.zeros(3, dtype=bool))
-    zero = np.zeros(3)
-    found, _ = channel.residual(
-        current=np.full(3, 2.0),
-        drive=np.full(3, 0.3),
-        velocity=zero,
-        acceleration=zero,
-        resistance=np.full(3, 0.05),
-        model_residual=zero,
-    )
+    channels = momentum_channels([CURRENT, None, VOLTAGE], np.zeros(3, dtype=bool))
+    found = [momentum_residual(channels, j, 2.0, 0.3, 0.0, 0.0, 0.05, 0.0)[0] for j in range(3)]
     np.testing.assert_allclose(found, [0.1 - 0.052, np.nan, 0.3 - 0.052])
 
 
 def derivatives(error: FloatArray) -> tuple[FloatArray, FloatArray]:
-    filters = ErrorDerivatives(CYCLE)
+    filters = ErrorDerivatives(1, CYCLE)
     rows = [filters.step(np.array([value])) for value in error]
     velocity, acceleration = np.array(rows)[:, :, 0].T
+    # Those of a whole run have the same bits.
+    np.testing.assert_array_equal(filters.play(error), (velocity, acceleration))
     return velocity, acceleration
 
 
@@ -144,7 +147,7 @@ def test_a_step_is_forgotten_with_the_time_of_the_filter() -> None:
 
 
 def test_reset_forgets() -> None:
-    filters = ErrorDerivatives(CYCLE)
+    filters = ErrorDerivatives(1, CYCLE)
     for k in range(10):
         filters.step(np.array([0.1 * k]))
     filters.reset()
@@ -179,13 +182,13 @@ def test_boards_that_integrate_give_the_sign_together_with_model_and_load(
     motor: float, drive: float, resistance: float, model: float
 ) -> None:
     p = replace(CURRENT, offset=0.0)
-    found, given_motor = MomentumChannel([p], np.ones(1, dtype=bool)).residual(
-        current=np.array([abs(motor) / p.torque_per_ampere]),
-        drive=np.array([drive]),
-        velocity=np.zeros(1),
-        acceleration=np.zeros(1),
-        resistance=np.array([resistance]),
-        model_residual=np.array([model]),
+    found, given_motor = residual(
+        p,
+        current=abs(motor) / p.torque_per_ampere,
+        drive=drive,
+        resistance=resistance,
+        model_residual=model,
+        integrates=True,
     )
-    assert float(given_motor[0]) == pytest.approx(motor)
-    assert float(found[0]) == pytest.approx(motor - resistance)
+    assert given_motor == pytest.approx(motor)
+    assert found == pytest.approx(motor - resistance)

@@ -206,7 +206,7 @@ def test_what_transferred_models_lose() -> None:
         model = ModelSet.load(shipped("affine")["nominal"]).models[JOINT]
         assert isinstance(model, AffineTree)
         sent = np.zeros_like(run.sent_position)
-        sent[:, index] = model.predict_one(0.0, 0.0, 0.0) + noise * error
+        sent[:, index] = model.predict(np.zeros((1, 3)))[0] + noise * error
         return replace(
             episode, suite=suite, experiment=joint, recording=replace(run, sent_position=sent)
         )

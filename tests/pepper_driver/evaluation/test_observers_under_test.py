@@ -140,5 +140,5 @@ def test_models_are_shared_by_type_of_motor_in_the_suite_about_that() -> None:
     ]
     elbow = ROBOT.joint_index("RElbowRoll")
     zero = (0.0, 0.0, 0.0)
-    assert rows[0][elbow] == tree(models, "RElbowRoll").predict_one(*zero)
-    assert rows[1][elbow] == tree(shared, "RElbowRoll").predict_one(*zero)
+    assert rows[0][elbow] == tree(models, "RElbowRoll").predict(np.array([zero]))[0]
+    assert rows[1][elbow] == tree(shared, "RElbowRoll").predict(np.array([zero]))[0]
