@@ -84,7 +84,7 @@ class Loop:
         observer: Observer | None,
         publish: Callable[[TickRecord], None],
     ) -> None:
-        self._backend, self._robot, self._gate = backend, robot, gate
+        self._backend, self._wheels, self._gate = backend, robot.wheels, gate
         self.arbiter = arbiter
         self._controller: WholeBodyController = arbiter.controller
         self.observer, self._publish = observer, publish
@@ -234,16 +234,18 @@ class Loop:
 
     def _pass_gate(self, reference: Reference, measurement: Measurement, tick: Tick) -> SentCommand:
         """Return the command that leaves the gate; the controller continues from the limited command."""
-        gate, wheels = self._gate, self._robot.wheels
+        gate = self._gate
         gate.watch(measurement, tick.sent)
-        wheel_speed = wheels.matrix.dot(reference.base_twist)
-        gated = gate.gate(reference, self.arbiter.stiffness, wheel_speed, measurement.age)
-        sent = gated.command
-        if gated.wheels_limited:
-            self._controller.override_state(sent.position, wheels.inverse @ sent.wheel_speed)
-        elif gated.joints_limited:
+        wheel_speed = self._wheels.matrix.dot(reference.base_twist)
+        sent, limited, joints_limited, wheels_limited = gate.gate(
+            reference, self.arbiter.stiffness, wheel_speed, measurement.age
+        )
+        if wheels_limited:
+            twist = self._wheels.inverse @ sent.wheel_speed
+            self._controller.override_state(sent.position, twist)
+        elif joints_limited:
             self._controller.override_state(sent.position)
-        return SentCommand(reference=reference, sent=sent, limited=gated.limited)
+        return SentCommand(reference=reference, sent=sent, limited=limited)
 
     def halt(self) -> None:
         """Write one command, after a fault, that holds the joints and stops the wheels."""
