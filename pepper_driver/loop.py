@@ -106,10 +106,9 @@ class Loop:
             base_twist=np.zeros(3),
         )
         sent = SentCommand(reference=standing, sent=gate.sent, limited=np.zeros(n, dtype=np.bool_))
+        self._response_delay = backend.info.response_delay
         # The last one is in force.
-        self._in_flight = deque(
-            [sent], maxlen=max(MAX_RESPONSE_DELAY, backend.info.response_delay) + 1
-        )
+        self._in_flight = deque([sent], maxlen=max(MAX_RESPONSE_DELAY, self._response_delay) + 1)
         # Numbers of the last command, and of the last one answered.
         self._written = self._matched = 0
         self.latest = TickRecord(tick=_tick(first, sent))
@@ -225,7 +224,7 @@ class Loop:
         """
         ago, sent = measurement.response_delay, self._in_flight
         if ago is None:
-            ago = self._backend.info.response_delay
+            ago = self._response_delay
         ago = min(ago, len(sent) - 1)
         since = self._written - ago - self._matched
         unmatched = [(before, sent[-1 - before]) for before in range(ago + since - 1, ago, -1)]
