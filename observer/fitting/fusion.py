@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from joblib import Parallel, delayed
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
@@ -113,6 +112,9 @@ def fit_fusion(
         window: Samples of the median.
         workers: Processes; -1 for one per core. The result does not depend on it.
     """
+    # Slow to import, and only needed here.
+    from joblib import Parallel, delayed
+
     pool = Parallel(n_jobs=workers)
     own = [joint for joint in sweeps if joint not in mirrors]
     stick_slips = dict(
