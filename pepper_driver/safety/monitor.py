@@ -315,8 +315,9 @@ class MeasurementMonitor:
 
 def _converted(measurement: Measurement) -> Measurement:
     """Return a measurement with positions and stiffness as kernels take them."""
-    position, stiffness = (
-        None if values is None else np.array(values, dtype=np.float64, order="C")
-        for values in (measurement.position, measurement.stiffness)
+    position, stiffness = measurement.position, measurement.stiffness
+    return replace(
+        measurement,
+        position=np.array(position, dtype=np.float64, order="C"),
+        stiffness=None if stiffness is None else np.array(stiffness, dtype=np.float64, order="C"),
     )
-    return replace(measurement, position=position, stiffness=stiffness)
