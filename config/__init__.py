@@ -1,6 +1,8 @@
 """Facts of the robot and settings of the software: files in, typed objects out."""
 
-from pepper_driver.config.doctor import DoctorSettings, load_doctor_settings
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from pepper_driver.config.errors import (
     ConfigError,
     MissingExtraError,
@@ -8,10 +10,6 @@ from pepper_driver.config.errors import (
     UnknownNameError,
     suggestion,
 )
-from pepper_driver.config.experiment import Experiment, load_experiment
-from pepper_driver.config.naoqi import NaoqiSettings, load_naoqi_settings
-from pepper_driver.config.naoqi_services import NaoqiServices, load_naoqi_services
-from pepper_driver.config.network import Network, load_network, network_names
 from pepper_driver.config.plant import (
     PlantConfig,
     RobotIdentity,
@@ -20,15 +18,6 @@ from pepper_driver.config.plant import (
     parent_plants,
     plant_hash,
     plant_names,
-)
-from pepper_driver.config.recordings import (
-    Calibration,
-    HoldStatistics,
-    RampProtocol,
-    ReferenceData,
-    TrackingTable,
-    load_calibration,
-    load_recordings,
 )
 from pepper_driver.config.robot import JointArray, Posture, RobotConfig, load_robot
 from pepper_driver.config.self_collision import (
@@ -45,7 +34,23 @@ from pepper_driver.config.settings import (
     load_observer_settings,
     load_safety_settings,
 )
-from pepper_driver.config.world import World, load_world, world_names
+
+if TYPE_CHECKING:
+    from pepper_driver.config.doctor import DoctorSettings, load_doctor_settings
+    from pepper_driver.config.experiment import Experiment, load_experiment
+    from pepper_driver.config.naoqi import NaoqiSettings, load_naoqi_settings
+    from pepper_driver.config.naoqi_services import NaoqiServices, load_naoqi_services
+    from pepper_driver.config.network import Network, load_network, network_names
+    from pepper_driver.config.recordings import (
+        Calibration,
+        HoldStatistics,
+        RampProtocol,
+        ReferenceData,
+        TrackingTable,
+        load_calibration,
+        load_recordings,
+    )
+    from pepper_driver.config.world import World, load_world, world_names
 
 __all__ = [
     "Calibration",
@@ -96,3 +101,34 @@ __all__ = [
     "suggestion",
     "world_names",
 ]
+
+# Looked up when first used: a program that only moves a robot needs none of them.
+_HOMES = {
+    "Calibration": "recordings",
+    "DoctorSettings": "doctor",
+    "Experiment": "experiment",
+    "HoldStatistics": "recordings",
+    "NaoqiServices": "naoqi_services",
+    "NaoqiSettings": "naoqi",
+    "Network": "network",
+    "RampProtocol": "recordings",
+    "ReferenceData": "recordings",
+    "TrackingTable": "recordings",
+    "World": "world",
+    "load_calibration": "recordings",
+    "load_doctor_settings": "doctor",
+    "load_experiment": "experiment",
+    "load_naoqi_services": "naoqi_services",
+    "load_naoqi_settings": "naoqi",
+    "load_network": "network",
+    "load_recordings": "recordings",
+    "load_world": "world",
+    "network_names": "network",
+    "world_names": "world",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'pepper_driver.config' has no attribute '{name}'")
+    return getattr(import_module(f"pepper_driver.config.{_HOMES[name]}"), name)

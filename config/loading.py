@@ -24,8 +24,11 @@ from pepper_driver.config.mistakes import (
     with_known_keys,
 )
 
-STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-"""Pydantic settings of all configuration dataclasses: no unknown key, no silent conversion, no NaN."""
+STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, defer_build=True)
+"""Pydantic settings of all configuration dataclasses: no unknown key, no silent conversion, no NaN.
+
+Validators are built when a class is first used: to build all of them at the start would take a tenth of a second.
+"""
 
 MAX_DEPTH = 100
 """Of lists and mappings in each other. libyaml crashes at some ten thousand."""

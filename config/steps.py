@@ -7,7 +7,7 @@ from dataclasses import field, replace
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, WrapValidator
-from pydantic.dataclasses import dataclass, rebuild_dataclass
+from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.contact_selector import TouchTrigger
 from pepper_driver.config.loading import STRICT, one_or_more, parse_part
@@ -517,5 +517,3 @@ class BranchStep(AnyStep):
 
 _KINDS: dict[str, Any] = dict.fromkeys(("setpoints", "holds", "sweeps"), RandomStep)
 _KINDS |= {"play": PlayStep, "repeat": RepeatStep, "branch": BranchStep}
-for _cls in (PlayStep, Repeat, RepeatStep, Case, Branch, BranchStep):
-    rebuild_dataclass(_cls)  # type: ignore[arg-type]

@@ -84,7 +84,7 @@ class Loop:
         observer: Observer | None,
         publish: Callable[[TickRecord], None],
     ) -> None:
-        self._backend, self._robot, self._gate = backend, robot, gate
+        self._backend, self._wheels, self._gate = backend, robot.wheels, gate
         self.arbiter = arbiter
         self._controller: WholeBodyController = arbiter.controller
         self.observer, self._publish = observer, publish
@@ -106,10 +106,9 @@ class Loop:
             base_twist=np.zeros(3),
         )
         sent = SentCommand(reference=standing, sent=gate.sent, limited=np.zeros(n, dtype=np.bool_))
+        self._response_delay = backend.info.response_delay
         # The last one is in force.
-        self._in_flight = deque(
-            [sent], maxlen=max(MAX_RESPONSE_DELAY, backend.info.response_delay) + 1
-        )
+        self._in_flight = deque([sent], maxlen=max(MAX_RESPONSE_DELAY, self._response_delay) + 1)
         # Numbers of the last command, and of the last one answered.
         self._written = self._matched = 0
         self.latest = TickRecord(tick=_tick(first, sent))
@@ -225,7 +224,7 @@ class Loop:
         """
         ago, sent = measurement.response_delay, self._in_flight
         if ago is None:
-            ago = self._backend.info.response_delay
+            ago = self._response_delay
         ago = min(ago, len(sent) - 1)
         since = self._written - ago - self._matched
         unmatched = [(before, sent[-1 - before]) for before in range(ago + since - 1, ago, -1)]
@@ -234,16 +233,18 @@ class Loop:
 
     def _pass_gate(self, reference: Reference, measurement: Measurement, tick: Tick) -> SentCommand:
         """Return the command that leaves the gate; the controller continues from the limited command."""
-        gate, wheels = self._gate, self._robot.wheels
+        gate = self._gate
         gate.watch(measurement, tick.sent)
-        wheel_speed = wheels.matrix.dot(reference.base_twist)
-        gated = gate.gate(reference, self.arbiter.stiffness, wheel_speed, measurement.age)
-        sent = gated.command
-        if gated.wheels_limited:
-            self._controller.override_state(sent.position, wheels.inverse @ sent.wheel_speed)
-        elif gated.joints_limited:
+        wheel_speed = self._wheels.matrix.dot(reference.base_twist)
+        sent, limited, joints_limited, wheels_limited = gate.gate(
+            reference, self.arbiter.stiffness, wheel_speed, measurement.age
+        )
+        if wheels_limited:
+            twist = self._wheels.inverse @ sent.wheel_speed
+            self._controller.override_state(sent.position, twist)
+        elif joints_limited:
             self._controller.override_state(sent.position)
-        return SentCommand(reference=reference, sent=sent, limited=gated.limited)
+        return SentCommand(reference=reference, sent=sent, limited=limited)
 
     def halt(self) -> None:
         """Write one command, after a fault, that holds the joints and stops the wheels."""

@@ -304,8 +304,9 @@ class StageTimes:
 
     def __init__(self, cycle: float, capacity: int = 300_000) -> None:
         self._cycle = cycle
-        # Times of WAKING and the stages [ns], age [s]. Pages of memory are taken when they are first written.
-        self._ticks = np.zeros((capacity, len(STAGES) + 2))
+        # Begin of WAKING and end of each stage [ns], ages [s]. Pages of memory are taken when they are first written.
+        self._marks = np.zeros((capacity, len(STAGES) + 2), dtype=np.int64)
+        self._ages = np.zeros(capacity)
         self._warned: int | None = None
         self.clear()
 
@@ -328,8 +329,8 @@ class StageTimes:
             missed: Ticks before it that never began.
         """
         begin = marks[0] if due is None else due
-        times = [b - a for a, b in pairwise((begin, *marks))]
-        self._ticks[self._count % len(self._ticks)] = (*times, age)
+        row = self._count % len(self._ages)
+        self._marks[row], self._ages[row] = (begin, *marks), age
         self._count += 1
         if missed:
             self._missed += missed
@@ -344,8 +345,9 @@ class StageTimes:
                     self._longest,
                 )
         self._paced = due is not None
-        self._overran = self._paced and sum(times) > self._cycle * 1e9
+        self._overran = self._paced and marks[-1] - begin > self._cycle * 1e9
         if self._overran:
+            times = [b - a for a, b in pairwise((begin, *marks))]
             self._longest = (WAKING, *STAGES)[times.index(max(times))]
             self._late[self._longest] += 1
 
@@ -353,7 +355,7 @@ class StageTimes:
     def statistics(self) -> Statistics:
         """Statistics of the ticks so far."""
         of = Quantiles.from_values
-        *times, ages = self._ticks[: self._count].T
+        times, ages = np.diff(self._marks[: self._count]).T, self._ages[: self._count]
         stages = dict(zip(STAGES, times[1:], strict=True))
         own = [times for stage, times in stages.items() if stage not in ("read", "write")]
         return Statistics(

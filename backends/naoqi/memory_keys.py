@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import StrEnum
+from math import isfinite
 
 import numpy as np
 
@@ -110,17 +111,18 @@ class SensorKeys:
             values = np.array([_number(value) for value in _listed(answer)])
         commanded = None
         if values.shape == (len(self.with_commands),):
-            values, commanded = np.split(values, [len(self.names)])
+            values, commanded = values[: len(self.names)], values[len(self.names) :]
         if values.shape != (len(self.names),):
             return f"{values.size} values in place of {len(self.names)}"
         bad = ~np.isfinite(values) & self._needed
         if np.count_nonzero(bad):
             return self._without(np.flatnonzero(bad).tolist())
         values.setflags(write=False)  # part of measurements, which are immutable
+        shown = float(values[self._time])
         part = {group: values[place] for group, place in self._places.items()}
         return Values(
             # NaN only of a robot that may lack any key (`complete=False`).
-            shown=int(np.nan_to_num(values[self._time])),
+            shown=int(shown) if isfinite(shown) else 0,
             position=part["position"],
             current=part["current"],
             wheel_speed=part["wheel_speed"],

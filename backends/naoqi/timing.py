@@ -187,11 +187,9 @@ class CommandScheduler:
     def note_command(self, step: int, number: int, *, sent: bool) -> None:
         """Record that the command of a step was for this cycle, and was sent, or dropped."""
         self._commands_by_cycle[number] = (step, sent)
-        # Cycles ascend in the order of insertion, so the first young one ends the search.
-        for old in list(self._commands_by_cycle):
-            if old > number - KEPT_CYCLES:
-                break
-            del self._commands_by_cycle[old]
+        # Cycles ascend in the order of insertion, so the first one is the oldest.
+        while (oldest := next(iter(self._commands_by_cycle))) <= number - KEPT_CYCLES:
+            del self._commands_by_cycle[oldest]
 
     def refused(self, number: int) -> None:
         """Record that the robot did not take the command for this cycle."""

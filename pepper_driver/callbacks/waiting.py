@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
 import threading
 from collections.abc import AsyncGenerator
@@ -75,6 +74,8 @@ async def stream_contacts(
 
     At most ``QUEUE`` of them wait; those that come then are lost, and a warning says so.
     """
+    import asyncio  # slow: only programs that use it need it
+
     loop, woken = asyncio.get_running_loop(), asyncio.Event()
 
     def wake() -> None:

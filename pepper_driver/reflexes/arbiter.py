@@ -91,7 +91,8 @@ class Arbiter:
         self.stiffness = self._requests.stiffness
         self.paused = False
         self._rest: FloatArray | None = None  # where it stands while it is paused
-        self._followed: FloatArray | None = self.target.copy()  # by the posture task
+        # Bytes of the posture that the posture task follows: the quickest to compare.
+        self._followed = self.target.tobytes()
         self._duration: float | None = None
         self._drive_time: float | None = None
         self._drive_end: float | None = None  # known from the next tick on
@@ -104,7 +105,7 @@ class Arbiter:
         The current motion ends here, even one to the same posture.
         """
         self.target, self._duration = target, duration
-        self._followed = None
+        self._followed = b""
 
     def drive(self, twist: FloatArray, duration: float | None = None) -> None:
         """Request a twist of the base (3,), vx [m/s], vy [m/s], wz [rad/s], for some time [s]; None for ever."""
@@ -174,6 +175,8 @@ class Arbiter:
     def _exchange_tasks(self, before: Mapping[int, Task]) -> None:
         """Take back the reflexes' tasks of the previous tick, give the controller those of this one."""
         now = self._requests.tasks
+        if not (before or now):
+            return
         for task in [task for key, task in before.items() if key not in now]:
             self.controller.remove(task)
         for task in [task for key, task in now.items() if key not in before]:
@@ -205,12 +208,13 @@ class Arbiter:
         controller.hold = held is not None
         target = self.target if held is None else held
         # By value: a reflex may change its array in place.
-        if self._followed is None or not np.array_equal(target, self._followed):
+        followed = np.asarray(target).tobytes()
+        if followed != self._followed:
             if held is None and self._duration is not None:
                 task.move_to(target, self._duration)
             else:
                 task.target = target
-            self._followed = target.copy()
+            self._followed = followed
         elif held is None and np.count_nonzero(requests.released_to_posture) and not task.under_way:
             # A spring would jerk at first, and creep at the end, where worn gears stick and slip.
             away = (target - controller.position)[requests.released_to_posture]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
+from math import isfinite
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,23 +12,92 @@ from pepper_driver.backends import Command, Measurement
 from pepper_driver.backends.readiness import check_readiness, refuse_failed
 from pepper_driver.config import ControllerSettings, RobotConfig, SafetySettings
 from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.kernels import Out, Records, kernel
 from pepper_driver.controller import Reference
-from pepper_driver.safety.limits import BaseGuard, JointLimits
+from pepper_driver.safety.limits import (
+    BaseGuard,
+    JointLimit,
+    WheelLimit,
+    joint_limits,
+    limit_joints,
+    limit_wheels,
+    ramp_stiffness,
+)
 from pepper_driver.safety.monitor import MeasurementMonitor
 from pepper_driver.safety.states import Fault, FaultReason, RobotState, StateMachine
 
-FLOAT = np.dtype(np.float64)
+ACTIVE = RobotState.ACTIVE  # looked up once: each time costs 0.1 us
+
+# What differs between a request and its command: flags; or, negative, why there is no command.
+UNCHANGED, JOINTS, WHEELS, STIFFNESS = 0, 1, 2, 4
+UNUSABLE, NO_POSITION, NO_STIFFNESS, NO_WHEEL_SPEED = -1, -2, -3, -4
+
+NOT_FINITE = {
+    NO_POSITION: "position",
+    NO_STIFFNESS: "stiffness",
+    NO_WHEEL_SPEED: "wheel speed",
+}
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class GatedCommand:
+@kernel
+def all_finite(values: FloatArray) -> bool:
+    """Return whether no value is NaN or infinite."""
+    finite = True
+    for value in values:
+        finite &= isfinite(value)
+    return finite
+
+
+@kernel
+def limit_command(
+    joints: Out[Records[JointLimit]],
+    wheels: Out[Records[WheelLimit]],
+    requested: FloatArray,
+    stiffness: FloatArray,
+    wheel_speed: FloatArray,
+    old: bool,
+    stop_base: bool,
+    position: Out[FloatArray],
+) -> int:
+    """Make the next command of a request; return what differs, or why there is none.
+
+    Args:
+        joints: (n,) limits and last commands; then what is limited, and the stiffness of the command.
+        wheels: (3,) limits and last commands; then the speeds of the command.
+        requested: (n,) positions [rad].
+        stiffness: (n,) requested.
+        wheel_speed: (3,) requested [rad/s].
+        old: Brake joints and wheels to rest: what is measured is too old.
+        stop_base: Stop the wheels.
+        position: (n,) of the command [rad].
+    """
+    n = len(joints)
+    if len(requested) != n or len(stiffness) != n or len(wheel_speed) != len(wheels):
+        return UNUSABLE
+    if not all_finite(stiffness):
+        return NO_STIFFNESS
+    if not all_finite(wheel_speed):
+        return NO_WHEEL_SPEED
+    if not all_finite(requested):
+        return NO_POSITION
+    changes = UNCHANGED
+    if ramp_stiffness(joints, stiffness):
+        changes |= STIFFNESS
+    if limit_wheels(wheels, wheel_speed, stop_base or old) or old:
+        changes |= WHEELS
+    if limit_joints(joints, requested, old, position):
+        changes |= JOINTS
+    return changes
+
+
+class GatedCommand(NamedTuple):
     """Command that leaves the gate, and its changes.
 
     Attributes:
         command: To send.
         limited: (17,) where its position is not the reference's; not to be written to.
-        joints_changed: Whether there is any such joint.
-        wheels_changed: Whether its wheel speeds are not the requested ones.
+        joints_limited: Whether there is any such joint.
+        wheels_limited: Whether its wheel speeds are not the requested ones.
     """
 
     command: Command
@@ -51,16 +122,17 @@ class SafetyGate:
     ) -> None:
         self._robot, self._settings = robot, settings
         self._machine = StateMachine()
-        self._joints = JointLimits(
+        self._limit = limit_command.load()
+        self._joints = joint_limits(
             robot.lower,
             robot.upper,
             settings.speed_margin * controller.joint_velocity(robot),
             settings.acceleration_margin * controller.joint_acceleration(robot),
+            settings.stiffness_ramp,
             robot.cycle,
         )
         self._base = BaseGuard(robot, settings)
         self._watch = MeasurementMonitor(robot, settings)
-        self._largest_stiffness_step = robot.cycle / settings.stiffness_ramp
         n = len(robot.joint_names)
         self._n = n
         self._none = _constant(np.zeros(n, dtype=np.bool_))
@@ -106,12 +178,12 @@ class SafetyGate:
             StateError: It is active already.
         """
         self._machine.activate()
-        self._joints.start(position)
+        held = np.clip(position, self._robot.lower, self._robot.upper)
+        joints = self._joints
+        joints["position"], joints["step"], joints["stiffness"] = held, 0.0, 1.0
         self._base.reset()
         self._watch.reset()
-        self._sent = Command(
-            position=self._joints.position, stiffness=np.ones(self._n), wheel_speed=np.zeros(3)
-        )
+        self._sent = Command(position=held, stiffness=np.ones(self._n), wheel_speed=np.zeros(3))
 
     def deactivate(self) -> None:
         """No command passes any more; a FAULT stays."""
@@ -150,79 +222,72 @@ class SafetyGate:
             wheel_speed: (3,) requested wheel speed [rad/s].
             age: Age of the newest sample [s].
         """
-        before, joints, n = self._sent, self._joints, self._n
-        requested, stiff, rolling = reference.position, stiffness, wheel_speed
-        if not (_is_vector(requested, n) and _is_vector(stiff, n) and _is_vector(rolling, 3)):
-            position = self._array("position", requested, n)
-            stiffnesses = self._array("stiffness", stiff, n)
-            speeds = self._array("wheel speed", rolling, 3)
-            if position is None or stiffnesses is None or speeds is None:
-                return self._held(self._all)
-            requested, stiff, rolling = position, stiffnesses, speeds
-        if self._machine.state is not RobotState.ACTIVE:
-            return self._held(before.position != requested)
-        limited = self._none
-        # The usual cases first; what is not finite is never among them.
-        if np.count_nonzero(stiff == before.stiffness) == n:
-            stiff = before.stiffness
-        elif not self._finite("stiffness", stiff):
-            return self._held(self._all)
-        else:
-            ramp = self._largest_stiffness_step
-            stiff = np.clip(stiff, before.stiffness - ramp, before.stiffness + ramp)
-            stiff = np.clip(stiff, 0.0, 1.0)
-        wheels = self._base.limit(rolling)
-        if wheels is None:
-            self._finite("wheel speed", rolling)
-            return self._held(self._all)
-        if not age <= self._settings.stale_hold:  # NaN is old too
-            if not self._finite("position", requested):
-                return self._held(self._all)
-            joints.clamp(before.position)
-            limited, wheels = joints.position != requested, self._base.stop()
-        elif not joints.keep(requested):
-            if not self._finite("position", requested):
-                return self._held(self._all)
-            limited = joints.clamp(requested)
-        self._sent = Command(position=joints.position, stiffness=stiff, wheel_speed=wheels)
-        return GatedCommand(
-            command=self._sent,
-            limited=limited,
-            joints_limited=limited is not self._none and bool(limited.any()),
-            wheels_limited=wheels is not wheel_speed,
-        )
-
-    def _array(self, what: str, values: FloatArray, n: int) -> FloatArray | None:
-        """``values`` as (n,) numbers; None, and FAULT, where they are not: reflexes may give anything."""
+        if self._machine.state is not ACTIVE:
+            arrays = self._arrays(reference.position, stiffness, wheel_speed)
+            return self._held(self._all if arrays is None else self._sent.position != arrays[0])
+        before, base, position = self._sent, self._base, np.empty(self._n)
+        old = not age <= self._settings.stale_hold  # NaN is old too
         try:
-            values = np.asarray(values, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError):
-            self.stop(FaultReason.COMMAND, f"asked for a {what} that is no array of numbers")
-            return None
-        if values.shape != (n,):
-            self.stop(FaultReason.COMMAND, f"asked for a {what} of {values.shape} values, not {n}")
-            return None
-        return values
+            changes = self._limit(
+                self._joints,
+                base.wheels,
+                reference.position,
+                stiffness,
+                wheel_speed,
+                old,
+                base.stopped != "",
+                position,
+            )
+        except TypeError:  # of the kernel: not the arrays that it takes
+            changes = UNUSABLE
+        if changes == UNCHANGED:
+            self._sent = Command(
+                position=position, stiffness=before.stiffness, wheel_speed=wheel_speed
+            )
+            return GatedCommand(self._sent, self._none, False, False)
+        if changes == UNUSABLE:
+            arrays = self._arrays(reference.position, stiffness, wheel_speed)
+            if arrays is None:
+                return self._held(self._all)
+            return self.gate(replace(reference, position=arrays[0]), arrays[1], arrays[2], age)
+        if changes in NOT_FINITE:
+            text = f"asked for a {NOT_FINITE[changes]} that is not a number"
+            self.stop(FaultReason.COMMAND, text)
+            return self._held(self._all)
+        joints, wheels = bool(changes & JOINTS), bool(changes & WHEELS)
+        self._sent = Command(
+            position=position,
+            stiffness=self._joints["stiffness"].copy() if changes & STIFFNESS else before.stiffness,
+            wheel_speed=base.wheels["speed"].copy() if wheels else wheel_speed,
+        )
+        limited = self._joints["limited"].copy() if joints else self._none
+        return GatedCommand(self._sent, limited, joints, wheels)
 
-    def _finite(self, what: str, values: FloatArray) -> bool:
-        """Return True if all values are finite; otherwise enter FAULT."""
-        if np.isfinite(values).all():
-            return True
-        self.stop(FaultReason.COMMAND, f"asked for a {what} that is not a number")
-        return False
+    def _arrays(self, *parts: FloatArray) -> list[FloatArray] | None:
+        """Position, stiffness and wheel speed as a kernel takes them; None, and FAULT, where they are no such numbers.
+
+        Reflexes may give anything.
+        """
+        arrays = []
+        for what, values, size in zip(
+            ("position", "stiffness", "wheel speed"), parts, (self._n, self._n, 3), strict=True
+        ):
+            try:
+                array = np.array(values, dtype=np.float64, order="C")
+            except (TypeError, ValueError, OverflowError):
+                text = f"asked for a {what} that is no array of numbers"
+                self.stop(FaultReason.COMMAND, text)
+                return None
+            if array.shape != (size,):
+                text = f"asked for a {what} of {array.shape} values, not {size}"
+                self.stop(FaultReason.COMMAND, text)
+                return None
+            arrays.append(array)
+        return arrays
 
     def _held(self, limited: BoolArray) -> GatedCommand:
         command = self.hold()
-        return GatedCommand(
-            command=command,
-            limited=limited,
-            joints_limited=bool(limited.any()),
-            wheels_limited=True,
-        )
-
-
-def _is_vector(values: FloatArray, n: int) -> bool:
-    return type(values) is np.ndarray and values.dtype is FLOAT and values.shape == (n,)
+        return GatedCommand(command, limited, bool(limited.any()), True)
 
 
 def _constant(values: BoolArray) -> BoolArray:

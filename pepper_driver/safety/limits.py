@@ -16,112 +16,126 @@ therefore always has a successor inside them, for any request.
 from __future__ import annotations
 
 import logging
-from math import isfinite
+from math import ceil, sqrt
 
 import numpy as np
 
 from pepper_driver.backends import Measurement
 from pepper_driver.backends.readiness import PRESSED
 from pepper_driver.config import RobotConfig, SafetySettings
-from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.controller import desaturate
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.kernels import Out, Records, kernel, make_records
 
 ANGLE_ROUNDING = 1e-9
 """[rad] A reference may lie this far beyond a limit: what rounding does."""
 
 
-class JointLimits:
-    """Range of the next command of n joints, after their last command.
-
-    Args:
-        lower, upper: (n,) position limits [rad].
-        speed: (n,) limits [rad/s].
-        acceleration: (n,) limits [rad/s2].
-        cycle: Time between two commands [s].
+class JointLimit:
+    """Limits of a joint, and its last command.
 
     Attributes:
-        position: (n,) last command [rad]; replaced, never changed in place.
+        lower: Limit of its position [rad].
+        upper: The other one [rad].
+        largest_step: Of the position, from one command to the next [rad].
+        largest_change: Of such a step, from one command to the next [rad]: A.
+        stiffness_step: Largest of the stiffness, from one command to the next.
+        position: Of the last command [rad].
+        step: From the command before to the last one [rad].
+        limited: Whether the last command is not the requested one.
+        stiffness: Of the last command, 0..1.
     """
 
-    def __init__(
-        self,
-        lower: FloatArray,
-        upper: FloatArray,
-        speed: FloatArray,
-        acceleration: FloatArray,
-        cycle: float,
-    ) -> None:
-        n = len(lower)
-        self._n = n
-        self._lower, self._upper = lower, upper
-        self._largest_step = speed * cycle
-        self._largest_change = acceleration * cycle**2
-        self._half_inverse = 0.5 / self._largest_change
-        # Of the change of the step, then of the step: one comparison serves both.
-        self._most = np.concatenate([self._largest_change, self._largest_step]) + ANGLE_ROUNDING
-        self._sizes = np.zeros(2 * n)
-        self._kept = np.zeros(2 * n, dtype=np.bool_)
-        self._step, self._rest = np.zeros(n), np.zeros(n)
-        self._change, self._size = self._sizes[:n], self._sizes[n:]
-        self._low_kept, self._high_kept = self._kept[:n], self._kept[n:]
-        self.start(np.zeros(n))
+    lower: float
+    upper: float
+    largest_step: float
+    largest_change: float
+    stiffness_step: float
+    position: float
+    step: float
+    limited: bool
+    stiffness: float
 
-    def start(self, position: FloatArray) -> None:
-        """Stand at (n,) positions [rad], or at the limits they are beyond."""
-        self.position = np.clip(position, self._lower, self._upper)
-        self._last_step = np.zeros(self._n)
 
-    def keep(self, requested: FloatArray) -> bool:
-        """Take (n,) positions [rad] as the last command and return true if they are surely within all limits.
+def joint_limits(
+    lower: FloatArray,
+    upper: FloatArray,
+    speed: FloatArray,
+    acceleration: FloatArray,
+    stiffness_ramp: float,
+    cycle: float,
+) -> Records[JointLimit]:
+    """Return the limits of n joints.
 
-        Near position limits some valid commands may count as outside; NaN never passes.
-        """
-        step, rest, every = self._step, self._rest, 2 * self._n
-        np.subtract(requested, self.position, step)
-        np.subtract(step, self._last_step, self._change)
-        np.abs(self._change, self._change)
-        np.abs(step, self._size)
-        np.less_equal(self._sizes, self._most, self._kept)
-        if np.count_nonzero(self._kept) != every:
-            return False
-        # Where braking ends, no less far out than in truth: s^2 / (2 A) >= T(s) - s.
-        np.multiply(step, self._size, rest)
-        rest *= self._half_inverse
-        rest += requested
-        np.less_equal(self._lower, rest, self._low_kept)
-        np.less_equal(rest, self._upper, self._high_kept)
-        if np.count_nonzero(self._kept) != every:
-            return False
-        self.position = requested.copy()  # a copy: callers may change theirs
-        self._step, self._last_step = self._last_step, step
-        return True
+    Args:
+        lower: (n,) limits of the position [rad].
+        upper: (n,) the same.
+        speed: (n,) limits [rad/s].
+        acceleration: (n,) limits [rad/s2].
+        stiffness_ramp: Time for the stiffness from 0 to 1 [s].
+        cycle: Time between two commands [s].
+    """
+    return make_records(
+        JointLimit,
+        len(lower),
+        lower=lower,
+        upper=upper,
+        largest_step=speed * cycle,
+        largest_change=acceleration * cycle**2,
+        stiffness_step=cycle / stiffness_ramp,
+    )
 
-    def clamp(self, requested: FloatArray) -> BoolArray:
-        """Move as near to (n,) finite positions [rad] as the limits allow; return (n,) True where limited."""
-        before, last = self.position, self._last_step
-        requested_step = requested - before
-        change = self._largest_change
-        low = np.maximum(last - change, -self._largest_step)
-        high = np.minimum(last + change, self._largest_step)
+
+@kernel
+def braking_step(room: float, change: float) -> float:
+    """Return the largest step towards a limit ``room`` away from which a joint can still stop: s(D)."""
+    n = max(ceil((sqrt(1.0 + 8.0 * room / change) - 1.0) / 2.0), 1.0)
+    return room / n + change * (n - 1.0) / 2.0
+
+
+@kernel
+def limit_joints(
+    joints: Out[Records[JointLimit]], requested: FloatArray, brake: bool, position: Out[FloatArray]
+) -> bool:
+    """Move each joint as near to its requested position as its limits allow; return whether any is limited.
+
+    Args:
+        joints: (n,) limits and last commands, within the limits.
+        requested: (n,) finite positions [rad].
+        brake: Come to rest instead.
+        position: (n,) of the command [rad].
+    """
+    limited = False
+    for j in range(len(joints)):
+        joint = joints[j]
+        before, change = joint.position, joint.largest_change
+        wanted = before if brake else requested[j]
+        step = wanted - before
+        low = max(joint.step - change, -joint.largest_step)
+        high = min(joint.step + change, joint.largest_step)
         # Position counts most: it is the last to be asked.
-        np.minimum(high, _reach(self._upper - before, change), out=high)
-        np.maximum(low, -_reach(before - self._lower, change), out=low)
-        changed: BoolArray = (requested_step > high + ANGLE_ROUNDING) | (
-            requested_step < low - ANGLE_ROUNDING
-        )
-        sent = np.where(
-            changed, before + np.minimum(np.maximum(requested_step, low), high), requested
-        )
-        self.position = np.clip(sent, self._lower, self._upper)
-        self._last_step = self.position - before
-        return changed
+        high = min(high, braking_step(joint.upper - before, change))
+        low = max(low, -braking_step(before - joint.lower, change))
+        beyond = step > high + ANGLE_ROUNDING or step < low - ANGLE_ROUNDING
+        sent = before + min(max(step, low), high) if beyond else wanted
+        joint.position = min(max(sent, joint.lower), joint.upper)
+        joint.limited = joint.position != requested[j] if brake else beyond
+        joint.step = joint.position - before
+        limited |= joint.limited
+        position[j] = joint.position
+    return limited
 
 
-def _reach(room: FloatArray, change: FloatArray) -> FloatArray:
-    """(n,) largest steps towards limits that are ``room`` away, from which joints can still stop: s(D)."""
-    n = np.maximum(np.ceil((np.sqrt(1.0 + 8.0 * room / change) - 1.0) / 2.0), 1.0)
-    reach: FloatArray = room / n + change * (n - 1.0) / 2.0
-    return reach
+@kernel
+def ramp_stiffness(joints: Out[Records[JointLimit]], requested: FloatArray) -> bool:
+    """Change the stiffness of each joint towards a requested one, within 0..1; return whether any changes."""
+    changed = False
+    for j in range(len(joints)):
+        joint = joints[j]
+        before, step = joint.stiffness, joint.stiffness_step
+        ramped = min(max(requested[j], before - step), before + step)
+        joint.stiffness = min(max(ramped, 0.0), 1.0)
+        changed |= joint.stiffness != before
+    return changed
 
 
 logger = logging.getLogger("pepper_driver")
@@ -130,11 +144,60 @@ SPEED_ROUNDING = 1e-6
 """[rad/s] Wheels may be so much too fast: what the controller's solver rounds to."""
 
 
-class BaseGuard:
-    """Slows the wheels, and stops the base while a bumper is pressed, some time beyond, and over an open charging flap.
+class WheelLimit:
+    """Limit of a wheel, and its last command.
+
+    Attributes:
+        speed_limit: [rad/s].
+        largest_change: Of its speed, from one command to the next [rad/s].
+        speed: The last one [rad/s].
+        wanted: Speed towards which it changes [rad/s].
+    """
+
+    speed_limit: float
+    largest_change: float
+    speed: float
+    wanted: float
+
+
+@kernel
+def limit_wheels(wheels: Out[Records[WheelLimit]], requested: FloatArray, stop: bool) -> bool:
+    """Change the speeds of the wheels towards the requested ones; return whether these are not reached.
 
     Wheels too fast, or that change their speed too fast, are slowed by one factor: the base keeps its direction, or
-    changes it in the requested direction. A stop is immediate.
+    changes it in the requested direction.
+
+    Args:
+        wheels: (3,) limits and last speeds.
+        requested: (3,) finite speeds [rad/s].
+        stop: Stand at once instead.
+    """
+    fastest, too_fast = 0.0, False
+    for w in range(len(wheels)):
+        fastest = max(fastest, abs(requested[w]))
+        too_fast |= abs(requested[w]) > wheels[w].speed_limit + SPEED_ROUNDING
+    if stop:
+        for w in range(len(wheels)):
+            wheels[w].speed = 0.0
+        return fastest > 0.0
+    fraction = 1.0
+    for w in range(len(wheels)):
+        wheel = wheels[w]
+        wheel.wanted = requested[w] / fastest * wheel.speed_limit if too_fast else requested[w]
+        change = abs(wheel.wanted - wheel.speed)
+        if change > wheel.largest_change:
+            fraction = min(fraction, wheel.largest_change / change)
+    for w in range(len(wheels)):
+        wheel = wheels[w]
+        if fraction < 1.0:
+            wheel.speed += fraction * (wheel.wanted - wheel.speed)
+        else:
+            wheel.speed = wheel.wanted
+    return too_fast or fraction < 1.0
+
+
+class BaseGuard:
+    """Stops the base while a bumper is pressed, some time beyond, and over an open charging flap.
 
     Args:
         robot: Its description.
@@ -142,18 +205,20 @@ class BaseGuard:
 
     Attributes:
         stopped: Human-readable reason why the base must stand; empty when it may roll.
+        wheels: (3,) limits of the wheels.
     """
 
     def __init__(self, robot: RobotConfig, settings: SafetySettings) -> None:
         self._names = tuple(robot.sensors.bumpers)
         self._release_ticks = round(settings.bumper_release / robot.cycle)
-        self._speed_limit = robot.wheels.speed_limit
         base = robot.limits.base
         linear, angular = base.linear_acceleration, base.angular_acceleration
         # The largest that the base's own limits ask of each wheel.
         acceleration = np.abs(robot.wheels.matrix) @ np.array([linear, linear, angular])
         largest_change = settings.acceleration_margin * acceleration * robot.cycle
-        self._largest_change: list[float] = largest_change.tolist()
+        self.wheels = make_records(
+            WheelLimit, 3, speed_limit=robot.wheels.speed_limit, largest_change=largest_change
+        )
         self._still = np.zeros(3)  # shared by many commands
         self._still.setflags(write=False)
         self.reset()
@@ -162,12 +227,11 @@ class BaseGuard:
         """Start with a base that stands, and may roll."""
         self.stopped = ""
         self._wait = 0
-        self._last, self._last_speeds = self._still, [0.0, 0.0, 0.0]
+        self.stop()
 
     def see(self, measurement: Measurement) -> None:
         """Take in bumpers and charging flap; a bumper that is not a number counts as pressed."""
-        bumpers = measurement.bumpers
-        if bumpers.dot(bumpers) != 0.0 or measurement.charging_flap > 0.5:
+        if any(measurement.bumpers.tolist()) or measurement.charging_flap > PRESSED:
             blocked = self._blocked(measurement)
             if blocked:
                 if not self.stopped:
@@ -189,35 +253,7 @@ class BaseGuard:
             reasons.append("the charging flap is open")
         return " and ".join(reasons)
 
-    def limit(self, requested: FloatArray) -> FloatArray | None:
-        """(3,) wheel speeds to send [rad/s]; ``requested`` itself where it may be sent, None where it is not finite."""
-        a, b, c = requested.tolist()
-        if not (isfinite(a) and isfinite(b) and isfinite(c)):
-            return None
-        if self.stopped:
-            self.stop()
-            return requested if a == b == c == 0.0 else self._still
-        if a == b == c == 0.0 and self._last is self._still:
-            return requested
-        limit = self._speed_limit + SPEED_ROUNDING
-        speeds = requested
-        if not (-limit <= a <= limit and -limit <= b <= limit and -limit <= c <= limit):
-            speeds = desaturate(requested, self._speed_limit)
-            a, b, c = speeds.tolist()
-        fraction = 1.0
-        for speed, last, most in zip(
-            (a, b, c), self._last_speeds, self._largest_change, strict=True
-        ):
-            change = abs(speed - last)
-            if change > most:
-                fraction = min(fraction, most / change)
-        if fraction < 1.0:
-            speeds = self._last + fraction * (speeds - self._last)
-            a, b, c = speeds.tolist()
-        self._last, self._last_speeds = speeds, [a, b, c]
-        return speeds
-
     def stop(self) -> FloatArray:
         """Stand at once; returns (3,) zeros [rad/s]."""
-        self._last, self._last_speeds = self._still, [0.0, 0.0, 0.0]
+        self.wheels["speed"] = 0.0
         return self._still

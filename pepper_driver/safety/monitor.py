@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 from math import isnan
 
 import numpy as np
@@ -11,10 +12,49 @@ import numpy as np
 from pepper_driver.backends import Command, Measurement
 from pepper_driver.config import RobotConfig, SafetySettings
 from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.kernels import kernel
 from pepper_driver.safety.states import Fault, FaultReason
 
 NAMED = 3
 """Joints and wheels that a message names, at most."""
+
+# What a measurement shows of the joints: flags, or that it does not have these joints.
+FAR, SOFT, OTHER_JOINTS = 1, 2, -1
+
+
+@kernel
+def compare_joints(
+    position: FloatArray,
+    stiffness: FloatArray,
+    answered_position: FloatArray,
+    answered_stiffness: FloatArray,
+    newest_stiffness: FloatArray,
+    near: float,
+    stiffness_loss: float,
+) -> int:
+    """Compare measured joints with commands: FAR unless together no further than ``near``, SOFT if any is softer.
+
+    Args:
+        position: (n,) measured [rad]; NaN is far.
+        stiffness: (n,) at the motor boards, never soft where it is unknown: NaN.
+        answered_position: (n,) of the command that the sample answers [rad].
+        answered_stiffness: (n,) of the same.
+        newest_stiffness: (n,) of the last command.
+        near: Largest sum of the squared distances [rad2].
+        stiffness_loss: Below the commands a joint may be this soft.
+    """
+    n = len(position)
+    if len(stiffness) != n or len(answered_position) != n:
+        return OTHER_JOINTS
+    if len(answered_stiffness) != n or len(newest_stiffness) != n:
+        return OTHER_JOINTS
+    squares, seen = 0.0, 0
+    for j in range(n):
+        distance = answered_position[j] - position[j]
+        squares += distance * distance
+        if stiffness[j] < min(answered_stiffness[j], newest_stiffness[j]) - stiffness_loss:
+            seen = SOFT
+    return seen if squares <= near else seen | FAR
 
 
 class MotorMonitor:
@@ -23,6 +63,9 @@ class MotorMonitor:
     Args:
         robot: Its description.
         settings: Of the gate.
+
+    Attributes:
+        lowered: Samples in a row in which some joint was too soft.
     """
 
     def __init__(self, robot: RobotConfig, settings: SafetySettings) -> None:
@@ -36,14 +79,14 @@ class MotorMonitor:
 
     def reset(self) -> None:
         """Nothing has been seen."""
-        self._lowered = 0
+        self.lowered = 0
         self._silent = np.zeros(len(self._names), dtype=np.int64)
         self._last: Measurement | None = None
 
     def stiffness(
-        self, measurement: Measurement, answered: Command, newest: Command
+        self, measurement: Measurement, answered: Command, newest: Command, soft: bool
     ) -> Fault | None:
-        """Return a fault if joints are softer than any command that may have arrived: another program acts.
+        """Return a fault if joints are ``soft``, more so than any command that may have arrived: another program acts.
 
         Positions are sent for later than stiffness is, so the boards may be at any command from the one that the sample
         answers up to the newest. Between these the gate's own ramp is monotonic.
@@ -51,14 +94,11 @@ class MotorMonitor:
         measured = measurement.stiffness
         if measured is None:
             return None
+        self.lowered = self.lowered + 1 if soft else 0
+        if self.lowered <= self._lowered_ticks:
+            return None
         sent = np.minimum(answered.stiffness, newest.stiffness)
-        less = measured < sent - self._settings.stiffness_loss  # never where it is unknown: NaN
-        if not np.count_nonzero(less):
-            self._lowered = 0
-            return None
-        self._lowered += 1
-        if self._lowered <= self._lowered_ticks:
-            return None
+        less = measured < sent - self._settings.stiffness_loss
         text = (
             f"the stiffness of {self._listed(less)} was lowered from outside ({measured[less].min():.2f} in place of "
             f"{sent[less].max():.2f}): the robot fell asleep or was sent to rest (button on the chest, heat, a fall, "
@@ -67,11 +107,9 @@ class MotorMonitor:
         )
         return Fault(reason=FaultReason.STIFFNESS, text=text)
 
-    def foreign(self, measurement: Measurement) -> Fault | None:
-        """Return the fault where the backend sees another program command joints or wheels."""
+    def foreign(self, measurement: Measurement) -> Fault:
+        """Return the fault of joints or wheels that another program commands, as the backend sees."""
         names = measurement.commanded_by_others
-        if not names:
-            return None
         text = (
             f"another program commands {_list(names)}: end it, or what moves the robot by itself (autonomous life, "
             "basic awareness, animated speech, Choregraphe), then start again"
@@ -121,7 +159,7 @@ logger = logging.getLogger("pepper_driver")
 
 
 class MeasurementMonitor:
-    """Compares each measurement with the command it answers. Costs a few microseconds.
+    """Compares each measurement with the command it answers.
 
     Args:
         robot: Its description.
@@ -132,10 +170,12 @@ class MeasurementMonitor:
         self._names = robot.joint_names
         self._settings = settings
         self._divergence_ticks = round(settings.following_error_time / robot.cycle)
-        self._square = min(settings.following_error, settings.frozen_distance) ** 2
+        # Together no further than one alone may be: by far the usual case.
+        self._near = min(settings.following_error, settings.frozen_distance) ** 2
+        self._compare = compare_joints.load()
         self._motors = MotorMonitor(robot, settings)
         self._check_ticks = round(settings.check_period / robot.cycle)
-        self._distance = np.zeros(len(self._names))
+        self._unknown = np.full(len(self._names), np.nan)
         self.reset()
 
     def reset(self) -> None:
@@ -155,27 +195,29 @@ class MeasurementMonitor:
             answered: The command whose effect it shows.
             newest: The last one that was sent.
         """
-        if not measurement.age <= self._settings.stale_fault:  # NaN is old too
+        settings, motors, stiffness = self._settings, self._motors, measurement.stiffness
+        if not measurement.age <= settings.stale_fault:  # NaN is old too
             why = f": {measurement.stale_reason}" if measurement.stale_reason else ""
             text = f"the newest sample is {measurement.age * 1e3:.0f} ms old{why}"
             return Fault(reason=FaultReason.STALE_SAMPLE, text=text)
-        buttons = measurement.buttons
-        if self._settings.chest_button and buttons.dot(buttons) != 0.0:
+        if any(measurement.buttons.tolist()) and settings.chest_button:
             fault = self._button(measurement)
             if fault is not None:
                 return fault
-        fault = self._motors.stiffness(measurement, answered, newest)
-        if fault is None:
-            fault = self._motors.foreign(measurement)
-        if fault is not None:
-            return fault
-        distance = self._distance
-        np.subtract(answered.position, measurement.position, distance)
-        # Together no further than one alone may be: by far the usual case. NaN is not.
-        if self._far or not distance.dot(distance) <= self._square:
-            fault = self._motors.silent(measurement, answered, distance) or self._divergence(
-                measurement, answered
+        try:
+            seen = self._compare(
+                measurement.position,
+                self._unknown if stiffness is None else stiffness,
+                answered.position,
+                answered.stiffness,
+                newest.stiffness,
+                self._near,
+                settings.stiffness_loss,
             )
+        except TypeError:  # of the kernel: not the arrays that it takes
+            return self.check(_converted(measurement), answered, newest)
+        if seen or self._far or motors.lowered or measurement.commanded_by_others:
+            fault = self._judge(measurement, answered, newest, seen)
             if fault is not None:
                 return fault
         self._until_check -= 1
@@ -183,6 +225,24 @@ class MeasurementMonitor:
             self._until_check = self._check_ticks
             return self._check(measurement)
         return None
+
+    def _judge(
+        self, measurement: Measurement, answered: Command, newest: Command, seen: int
+    ) -> Fault | None:
+        """Return the fault of joints that are not where, or as stiff as, they should be."""
+        if seen == OTHER_JOINTS:
+            raise ValueError(f"a measurement does not have {len(self._names)} joints")
+        fault = self._motors.stiffness(measurement, answered, newest, bool(seen & SOFT))
+        if fault is not None:
+            return fault
+        if measurement.commanded_by_others:
+            return self._motors.foreign(measurement)
+        if not (seen & FAR or self._far):
+            return None
+        distance = answered.position - measurement.position
+        return self._motors.silent(measurement, answered, distance) or self._divergence(
+            measurement, answered, distance
+        )
 
     def _button(self, measurement: Measurement) -> Fault | None:
         pressed = measurement.buttons
@@ -194,8 +254,10 @@ class MeasurementMonitor:
             )
         return None
 
-    def _divergence(self, measurement: Measurement, answered: Command) -> Fault | None:
-        distance = np.abs(self._distance)
+    def _divergence(
+        self, measurement: Measurement, answered: Command, distance: FloatArray
+    ) -> Fault | None:
+        distance = np.abs(distance)
         if not np.isfinite(distance).all():
             text = f"the position of {self._broken(measurement)} is not a number"
             return Fault(reason=FaultReason.SENSOR, text=text)
@@ -249,3 +311,13 @@ class MeasurementMonitor:
         if key not in self._warned:
             self._warned.add(key)
             logger.warning("%s", text)
+
+
+def _converted(measurement: Measurement) -> Measurement:
+    """Return a measurement with positions and stiffness as kernels take them."""
+    position, stiffness = measurement.position, measurement.stiffness
+    return replace(
+        measurement,
+        position=np.array(position, dtype=np.float64, order="C"),
+        stiffness=None if stiffness is None else np.array(stiffness, dtype=np.float64, order="C"),
+    )

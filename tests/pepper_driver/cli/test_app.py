@@ -215,7 +215,7 @@ def test_bench_beside_callbacks(tmp_path: Path, capfd: pytest.CaptureFixture[str
 @pytest.mark.parametrize("words", ["--version", "--help", "dmo", "--hlp", ""])
 def test_what_needs_no_robot_imports_none(words: str) -> None:
     """All commands together take a second to import."""
-    heavy = ("numpy", "scipy", "mujoco", "pinocchio", "sklearn", "pepper_driver.config")
+    heavy = ("numpy", "numba", "scipy", "mujoco", "pinocchio", "sklearn", "pepper_driver.config")
     code = (
         "import sys; from pepper_driver.cli.app import load_called, run;"
         f"assert not load_called({words.split()}); run({words.split()});"
@@ -223,6 +223,29 @@ def test_what_needs_no_robot_imports_none(words: str) -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("option", ["--version", "--help"])
+def test_the_program_itself_imports_no_numerics_for_what_needs_no_robot(option: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "pepper_driver", option],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    imported = {line.split("|")[-1].strip() for line in done.stderr.splitlines()}
+    assert "pepper_driver.cli.app" in imported
+    assert not imported & {"numpy", "numba", "scipy", "mujoco", "pinocchio", "sklearn"}
+
+
+def test_a_program_with_a_robot_imports_what_it_uses() -> None:
+    """Not what compiles kernels, fits models, draws figures or works in parallel: that takes as long again."""
+    unused = ("numba", "joblib", "sklearn", "matplotlib", "mujoco", "asyncio", "typer")
+    code = (
+        f"import sys; import pepper_driver.robot; print(*[n for n in {unused} if n in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []
 
 
 def test_a_command_imports_no_other(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """The gate: nothing outside the limits leaves it, whatever comes in, and every fault ends in standing still."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, cast
 
@@ -8,6 +9,7 @@ import pytest
 
 from pepper_driver.backends import Command
 from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.safety import FaultError, FaultReason, RobotState, SafetyGate, StateError
 from pepper_driver.testing import (
     Fault,
@@ -50,7 +52,7 @@ def test_a_reference_within_the_limits_passes_unchanged() -> None:
     assert g.sent.position[3] != wanted[3], "whoever made it may write to it"
 
 
-def test_what_the_quick_check_does_not_know_to_be_safe_may_pass_unchanged() -> None:
+def test_joints_that_can_just_brake_before_their_limits_pass_unchanged() -> None:
     """Joints speed up and end 0.8 changes before their limits, which braking in whole ticks allows."""
     g = SafetyGate(ROBOT, SAFETY, CONTROLLER)
     change = SAFETY.acceleration_margin * CONTROLLER.joint_acceleration(ROBOT) * ROBOT.cycle**2
@@ -61,7 +63,6 @@ def test_what_the_quick_check_does_not_know_to_be_safe_may_pass_unchanged() -> N
         np.testing.assert_array_equal(gated.command.position, wanted)
         assert not gated.limited.any()
         assert not gated.joints_limited
-    assert gated.limited.flags.writeable, "the exact check was asked"
 
 
 def test_the_stiffness_of_a_caller_is_copied() -> None:
@@ -241,6 +242,72 @@ def test_whole_numbers_and_lists_are_numbers() -> None:
     ):
         assert values.dtype == np.float64
         np.testing.assert_array_equal(values, given)
+
+
+def with_gaps(values: FloatArray) -> FloatArray:
+    return np.repeat(values, 2)[::2]
+
+
+def of_other_bytes(values: FloatArray) -> FloatArray:
+    return values.astype(">f8")
+
+
+def off_the_word(values: FloatArray) -> FloatArray:
+    """Not aligned."""
+    raw = np.zeros(values.nbytes + 1, dtype=np.uint8)
+    array = raw[1:].view(np.float64)
+    array[:] = values
+    return array
+
+
+def not_to_be_written(values: FloatArray) -> FloatArray:
+    array = values.copy()
+    array.setflags(write=False)
+    return array
+
+
+ARRAYS = [with_gaps, of_other_bytes, off_the_word, not_to_be_written, np.float32]
+
+
+@pytest.mark.parametrize("made", ARRAYS)
+def test_arrays_of_any_make_are_numbers(made: Callable[[FloatArray], Any]) -> None:
+    g, exact = gate(), gate()
+    moved = (STAND + SMALL).astype(np.float32).astype(np.float64)  # exact in 32 bits
+    half, speeds = np.full(17, 0.5), np.array([0.03125, 0.015625, 0.0])
+    for _ in range(3):
+        gated = g.gate(reference(made(moved)), made(half), made(speeds), 0.0)
+        expected = exact.gate(reference(moved), half, speeds, 0.0)
+    assert g.state is RobotState.ACTIVE
+    for field in ("position", "stiffness", "wheel_speed"):
+        values, numbers = getattr(gated.command, field), getattr(expected.command, field)
+        assert values.dtype == np.dtype("=f8")
+        np.testing.assert_array_equal(values, numbers)
+    np.testing.assert_array_equal(gated.limited, expected.limited)
+    assert gated.wheels_limited == expected.wheels_limited
+
+
+@pytest.mark.parametrize("made", [*ARRAYS, np.ndarray.tolist])
+def test_measurements_of_any_make_are_watched(made: Callable[[FloatArray], Any]) -> None:
+    g = gate()
+    standing = standing_measurement()
+    sound = replace(standing, position=made(standing.position), stiffness=made(ONES))
+    for _ in range(100):
+        g.watch(sound, g.sent)
+    assert g.state is RobotState.ACTIVE
+    far = displaced("LShoulderRoll", SAFETY.following_error + 0.1)(standing)
+    for _ in range(round(SAFETY.following_error_time / ROBOT.cycle) + 1):
+        assert g.state is RobotState.ACTIVE
+        g.watch(replace(far, position=made(far.position)), g.sent)
+    assert_fault(g, FaultReason.FOLLOWING_ERROR, "LShoulderRoll")
+
+
+@pytest.mark.parametrize("count", [16, 18])
+def test_a_measurement_of_other_joints_is_an_error(count: int) -> None:
+    """Which stops the robot, as every error in a tick does."""
+    g, standing, other = gate(), standing_measurement(), np.ones(count)
+    for wrong in (replace(standing, position=other), replace(standing, stiffness=other)):
+        with pytest.raises(ValueError, match="17 joints"):
+            g.watch(wrong, g.sent)
 
 
 def test_a_sensor_that_is_no_number_is_a_fault() -> None:

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
-from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.safety import RobotState, SafetyGate
-from pepper_driver.safety.limits import JointLimits
+from pepper_driver.safety.limits import joint_limits, limit_joints
 from support.examples import examples
 from support.fakes import reference
 
@@ -114,6 +114,36 @@ def test_nothing_outside_the_limits_ever_leaves(
         before = sent
 
 
+class Joints:
+    """Joints that follow requests within their limits, from where they stand.
+
+    Attributes:
+        position: (n,) [rad].
+    """
+
+    def __init__(
+        self,
+        upper: FloatArray,
+        speed: FloatArray,
+        acceleration: FloatArray,
+        position: FloatArray | None = None,
+    ) -> None:
+        self.position = np.zeros(len(upper)) if position is None else position
+        self._joints = joint_limits(
+            np.zeros(len(upper)), upper, speed, acceleration, stiffness_ramp=1.0, cycle=0.01
+        )
+        self._joints["position"] = self.position
+        self._limit = limit_joints.load()
+
+    def move(self, requested: FloatArray, *, brake: bool = False) -> BoolArray:
+        """Move towards (n,) positions; return (n,) True where the limits do not allow that."""
+        self.position = np.empty(len(requested))
+        limited = self._limit(self._joints, requested, brake, self.position)
+        marks: BoolArray = self._joints["limited"].copy()
+        assert limited == marks.any()
+        return marks
+
+
 @examples(60)
 @given(
     st.lists(st.floats(-1.2, 1.2), min_size=1, max_size=60),
@@ -123,30 +153,22 @@ def test_nothing_outside_the_limits_ever_leaves(
 def test_small_steps_stay_within_the_limits_of_speed_and_acceleration(
     speeds: list[float], times: list[int], share: float
 ) -> None:
-    """Steps that no limit of speed forbids, in fractions of the largest; also so that the quick check has to decide."""
-    n = 4
-    lower, upper = np.zeros(n), np.array([0.05, 0.2, 0.5, 1.0])
+    """Steps that no limit of speed forbids, in fractions of the largest."""
+    upper = np.array([0.05, 0.2, 0.5, 1.0])
     speed, acceleration = np.array([0.5, 1.0, 2.0, 4.0]), np.array([40.0, 10.0, 20.0, 10.0])
-    checked, exact = (JointLimits(lower, upper, speed, acceleration, 0.01) for _ in range(2))
-    for limits in (checked, exact):
-        limits.start(share * upper)
-    step = np.zeros(n)
+    joints = Joints(upper, speed, acceleration, share * upper)
+    step = np.zeros(4)
     for fraction, repeated in zip(speeds, times, strict=False):
         for _ in range(repeated):
-            before = checked.position
+            before = joints.position
             requested = before + fraction * speed * 0.01
-            limited = np.zeros(n, dtype=np.bool_)
-            if checked.keep(requested):
-                np.testing.assert_array_equal(checked.position, requested)
-            else:
-                limited = checked.clamp(requested)
-            np.testing.assert_array_equal(exact.clamp(requested), limited)
-            np.testing.assert_allclose(checked.position, exact.position, rtol=0, atol=1e-8)
-            now = checked.position - before
+            same = ~joints.move(requested)
+            np.testing.assert_allclose(joints.position[same], requested[same], rtol=0, atol=1e-8)
+            now = joints.position - before
             change = acceleration * 0.01**2
             assert (np.abs(now) <= speed * 0.01 + CLOSE).all()
             assert (np.abs(now - step) <= change + CLOSE).all()
-            room = np.where(now > 0, upper - checked.position, checked.position)
+            room = np.where(now > 0, upper - joints.position, joints.position)
             assert (room >= 0.0).all()
             size = np.abs(now)
             ticks = np.floor(size / change)
@@ -154,39 +176,36 @@ def test_small_steps_stay_within_the_limits_of_speed_and_acceleration(
             step = now
 
 
-def a_joint(room: float = 1.0) -> JointLimits:
-    return JointLimits(np.zeros(1), np.full(1, room), np.full(1, 2.0), np.full(1, 10.0), 0.01)
+def a_joint(room: float = 1.0, position: float = 0.0) -> Joints:
+    return Joints(np.full(1, room), np.full(1, 2.0), np.full(1, 10.0), np.full(1, position))
 
 
-def run_into(limits: JointLimits, goal: float, ticks: int) -> FloatArray:
+def run_into(joints: Joints, goal: float, ticks: int) -> FloatArray:
     way = []
     for _ in range(ticks):
-        wanted = np.full(1, goal)
-        if not limits.keep(wanted):
-            limits.clamp(wanted)
-        way.append(limits.position[0])
+        joints.move(np.full(len(joints.position), goal))
+        way.append(joints.position[0])
     return np.array(way)
 
 
 @pytest.mark.parametrize("room", [0.0, 1e-5, 0.003, 0.1, 1.0])
 def test_a_joint_sent_beyond_its_limit_arrives_there_at_rest(room: float) -> None:
-    limits = a_joint(room)
-    way = run_into(limits, 50.0, 400)
+    joints = a_joint(room)
+    way = run_into(joints, 50.0, 400)
     assert way[-1] == pytest.approx(room, abs=1e-12)
     assert (np.diff(way) >= -1e-15).all()
-    back = run_into(limits, -50.0, 400)
+    back = run_into(joints, -50.0, 400)
     assert back[-1] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_whatever_the_room_no_joint_brakes_harder_than_it_may() -> None:
     n = 1000
     upper = np.linspace(1e-4, 0.3, n)
-    limits = JointLimits(np.zeros(n), upper, np.full(n, 2.0), np.full(n, 10.0), 0.01)
+    joints = Joints(upper, np.full(n, 2.0), np.full(n, 10.0))
     way = [np.zeros(n)]
     for _ in range(200):
-        if not limits.keep(upper + 1.0):
-            limits.clamp(upper + 1.0)
-        way.append(limits.position)
+        joints.move(upper + 1.0)
+        way.append(joints.position)
     np.testing.assert_allclose(way[-1], upper, rtol=0, atol=1e-12)
     steps = np.diff(way, axis=0, prepend=[way[0]])
     assert np.abs(np.diff(steps, axis=0)).max() <= 10.0 * 0.01**2 + 1e-9
@@ -201,60 +220,50 @@ def test_it_brakes_as_late_as_it_can() -> None:
 
 def test_a_joint_that_runs_into_its_limit_at_a_lawful_speed_is_braked_in_time() -> None:
     """Neither speed nor acceleration give it away; with 10 rad/s2 it needs 0.05 m to stop from 1 rad/s."""
-    limits, wanted, step, limited = a_joint(), np.zeros(1), 0.0, []
+    joints, step, limited = a_joint(), 0.0, []
     for _ in range(130):
         step = min(step + 0.0005, 0.01)
-        wanted = limits.position + step
-        kept = limits.keep(wanted)
-        limited.append(not kept and bool(limits.clamp(wanted).any()))
+        limited.append(bool(joints.move(joints.position + step).any()))
         if limited[-1]:
             break
-    assert limits.position[0] == pytest.approx(0.95, abs=0.015)
+    assert joints.position[0] == pytest.approx(0.95, abs=0.015)
     assert limited.count(True) == 1
-    assert run_into(limits, 50.0, 200)[-1] == pytest.approx(1.0, abs=1e-12)
+    assert run_into(joints, 50.0, 200)[-1] == pytest.approx(1.0, abs=1e-12)
 
 
-def at_speed(ticks: int) -> tuple[JointLimits, float]:
-    """A joint that has speeded up as fast as it may, kept in each tick, and its last step [rad]."""
-    limits, step = a_joint(), 0.0
-    for _ in range(ticks):
-        step += 10.0 * 0.01**2
-        assert limits.keep(limits.position + step)
-    return limits, step
-
-
+@pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("ticks", [1, 7, 20])
-def test_the_quick_check_lets_pass_what_is_exactly_at_the_limits(ticks: int) -> None:
-    limits, step = at_speed(ticks)
-    assert limits.keep(limits.position + min(step, 0.02))
-    assert not limits.keep(limits.position + min(step, 0.02) + 2.0 * 10.0 * 0.01**2)
-
-
-def test_the_quick_check_looks_ahead_no_further_than_braking_takes() -> None:
-    """From 1 rad/s at 10 rad/s2: 0.05 m."""
-    limits, step = at_speed(10)
-    while limits.keep(limits.position + step):
-        pass
-    assert 1.0 - limits.position[0] - step == pytest.approx(0.05, abs=1.01 * step)
-    assert 1.0 - limits.position[0] - step < 0.05 + 1e-9
-
-
-def test_what_is_exactly_at_the_limits_is_not_marked_as_limited() -> None:
-    for sign in (1.0, -1.0):
-        limits = a_joint()
-        limits.start(np.full(1, 0.5))
-        for _ in range(3):
-            before = limits.position
-            assert not limits.clamp(before + sign * 10.0 * 0.01**2 + limits._last_step).any()
+def test_what_is_exactly_at_the_limits_is_not_limited(ticks: int, sign: float) -> None:
+    """Of acceleration, then of speed; what is beyond them is."""
+    joints, step = a_joint(2.0, 1.0), 0.0
+    for _ in range(ticks):
+        step = min(step + 10.0 * 0.01**2, 0.02)
+        requested = joints.position + sign * step
+        assert not joints.move(requested).any()
+        np.testing.assert_array_equal(joints.position, requested)
+    assert joints.move(joints.position + sign * (step + 2.0 * 10.0 * 0.01**2)).all()
 
 
 def test_limits_are_kept_by_the_joint_concerned_alone() -> None:
     n = 3
-    limits = JointLimits(np.zeros(n), np.ones(n), np.full(n, 2.0), np.full(n, 10.0), 0.01)
-    limits.start(np.full(n, 0.5))
-    limited = limits.clamp(np.array([0.5, 0.5005, 0.9]))
+    joints = Joints(np.ones(n), np.full(n, 2.0), np.full(n, 10.0), np.full(n, 0.5))
+    limited = joints.move(np.array([0.5, 0.5005, 0.9]))
     assert limited.tolist() == [False, False, True]
-    np.testing.assert_array_equal(limits.position[:2], [0.5, 0.5005])
+    np.testing.assert_array_equal(joints.position[:2], [0.5, 0.5005])
+
+
+def test_a_joint_that_is_to_brake_comes_to_rest_whatever_is_requested() -> None:
+    joints = a_joint()
+    run_into(joints, 50.0, 10)
+    before, steps = joints.position, []
+    for _ in range(20):
+        assert joints.move(np.full(1, 50.0), brake=True).all()
+        steps.append((joints.position - before)[0])
+        before = joints.position
+    # 10 changes per tick were the last step, and each tick takes one of them away.
+    np.testing.assert_allclose(steps[:10], 0.001 * np.arange(9, -1, -1), atol=1e-12)
+    assert not any(steps[10:])
+    assert not joints.move(joints.position, brake=True).any()
 
 
 @examples(20)
