@@ -33,6 +33,8 @@ Validators are built when a class is first used: to build all of them at the sta
 MAX_DEPTH = 100
 """Of lists and mappings in each other. libyaml crashes at some ten thousand."""
 
+TOO_DEEP = f"nested deeper than {MAX_DEPTH} levels"
+
 MAX_VALUES = 100_000
 """In one file, anchors repeated: a few lines of anchors in anchors can stand for more than any memory holds."""
 
@@ -134,6 +136,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
         mark = getattr(error, "problem_mark", None)
         where = f" line {mark.line + 1}" if mark is not None else ""
         problem = getattr(error, "problem", None) or "not valid YAML"
+        if "nesting depth" in problem:  # of libyaml, which reads ahead
+            problem = TOO_DEEP
         raise ConfigError(f"{path}{where}: {problem}") from error
     if not isinstance(data, dict):
         raise ConfigError(
@@ -154,8 +158,7 @@ def _check_depth(text: str) -> None:
             depth += 1
             if depth > MAX_DEPTH:
                 mark: Any = event.start_mark
-                problem = f"nested deeper than {MAX_DEPTH} levels"
-                raise yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
+                raise yaml.MarkedYAMLError(problem=TOO_DEEP, problem_mark=mark)
         elif isinstance(event, yaml.CollectionEndEvent):
             depth -= 1
 

@@ -142,8 +142,7 @@ class BrakingPath:
     """One point of the path to rest.
 
     Args:
-        brake: (n,) deceleration [m/s2], [rad/s2].
-        dt: Cycle [s].
+        count: Number of velocities, n.
         cycles: Cycles of braking, one at least; infinity for rest.
 
     Attributes:
@@ -152,17 +151,21 @@ class BrakingPath:
         max_time: Longest braking time of a joint until that point [s].
     """
 
-    def __init__(self, brake: FloatArray, dt: float, cycles: float) -> None:
-        self._brake, self._dt, self._max_time = brake, dt, cycles * dt
-        self.distance, self.gain = np.zeros((2, len(brake)))
+    def __init__(self, count: int, cycles: float) -> None:
+        self._cycles = cycles
+        self.distance, self.gain = np.zeros((2, count))
         self.max_time = 0.0
         self._path = _braking_path.load()
 
-    def update(self, velocity: FloatArray) -> None:
-        """Compute distance and gain for (n,) velocities at the start of the cycle."""
-        self.max_time = self._path(
-            velocity, self._brake, self._dt, self._max_time, self.distance, self.gain
-        )
+    def update(self, velocity: FloatArray, brake: FloatArray, dt: float) -> None:
+        """Compute distance and gain.
+
+        Args:
+            velocity: (n,) at the start of the cycle [m/s], [rad/s].
+            brake: (n,) deceleration [m/s2], [rad/s2].
+            dt: Cycle [s].
+        """
+        self.max_time = self._path(velocity, brake, dt, self._cycles * dt, self.distance, self.gain)
 
 
 INTERACTION_RATIO, SECURITY_RATIO = 0.1, 0.01

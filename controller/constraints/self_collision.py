@@ -83,6 +83,10 @@ class SelfCollision(Constraint):
         self._on_path = _on_path.load()
         self._names = tuple(f"{self.name} {pair}" for pair in self._capsules.names)
         self._limit = np.full(len(self._names), settings.security_distance)
+        self._rest = BrakingPath(model.nv, inf)
+        self._braking_points = [
+            (cycles, BrakingPath(model.nv, cycles)) for cycles in CHECKED_CYCLES
+        ]
         self._prepared: BrakingLimits | None = None
         self._monitored_cycles = 0
 
@@ -93,7 +97,7 @@ class SelfCollision(Constraint):
         if braking_limits is not self._prepared:
             self._prepare(braking_limits)
         rest, capsules, settings = self._rest, self._capsules, self.settings
-        rest.update(model.v)
+        rest.update(model.v, self._brake, braking_limits.dt)
         self._go(rest, model.q, acceleration)
         if not capsules.any_near(settings.interaction_distance):
             if not self._monitored_cycles:
@@ -115,7 +119,7 @@ class SelfCollision(Constraint):
         """Return rows for the distances on the path to rest, of pairs that an acceleration could bring too near."""
         if braking_limits is not self._prepared:
             self._prepare(braking_limits)
-        self._rest.update(model.v)
+        self._rest.update(model.v, self._brake, braking_limits.dt)
         limit = self._limit_now(model, braking_limits.dt)
         places = (self._rest, *self._before_rest(model, braking_limits))
         parts = [self._rows_at(place, model.q, limit) for place in places]
@@ -129,7 +133,7 @@ class SelfCollision(Constraint):
         max_time = self._rest.max_time
         for cycles, place in self._braking_points:
             if max_time > cycles * braking_limits.dt:  # else the robot is at rest by then
-                place.update(model.v)
+                place.update(model.v, self._brake, braking_limits.dt)
                 yield place
 
     def _go(self, place: BrakingPath, q: FloatArray, acceleration: FloatArray) -> None:
@@ -138,13 +142,9 @@ class SelfCollision(Constraint):
         self._capsules.place(self._displaced)
 
     def _prepare(self, braking_limits: BrakingLimits) -> None:
-        brake, dt = braking_limits.brake, braking_limits.dt
-        self._rest = BrakingPath(brake, dt, inf)
-        self._braking_points = [
-            (cycles, BrakingPath(brake, dt, cycles)) for cycles in CHECKED_CYCLES
-        ]
+        self._brake = braking_limits.brake
         # Rows must consider all accelerations within their limits, not only braking.
-        self._acceleration = brake / BRAKE_RATIO
+        self._acceleration = self._brake / BRAKE_RATIO
         self._reach = self._capsules.levers * self._acceleration
         self._prepared = braking_limits
 

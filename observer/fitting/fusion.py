@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.config.workers import Workers, run_jobs
 from pepper_driver.observer.fitting.bounds import fit_bounds
 from pepper_driver.observer.fitting.mobile_base import fit_base
 from pepper_driver.observer.fitting.stick_slip import START_UP_TIME, fit_stick_slip
@@ -22,6 +22,9 @@ from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.residuals.adaptation import HandLoads
 from pepper_driver.observer.residuals.momentum import ErrorDerivatives
 from pepper_driver.observer.residuals.prediction import MIN_MOVING_SPEED
+
+if TYPE_CHECKING:
+    from pepper_driver.config.workers import Workers
 
 REMAINDER_LEAVES = 8
 REMAINDER_SHRINKAGE = 1000.0
@@ -93,6 +96,8 @@ def fit_fusion(
         window: Samples of the median.
         workers: Processes, -1 for one per core; or a cluster. The result does not depend on it.
     """
+    from pepper_driver.config.workers import run_jobs  # slow to import, and needed here alone
+
     own = [joint for joint in sweeps if joint not in mirrors]
     jobs = (partial(fit_joint_stick_slip, joint, sweeps[joint], robot) for joint in own)
     stick_slips = dict(zip(own, run_jobs(jobs, workers=workers), strict=True))

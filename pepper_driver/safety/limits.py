@@ -16,7 +16,7 @@ therefore always has a successor inside them, for any request.
 from __future__ import annotations
 
 import logging
-from math import ceil, sqrt
+from math import sqrt
 
 import numpy as np
 
@@ -88,8 +88,9 @@ def joint_limits(
 @kernel
 def braking_step(room: float, change: float) -> float:
     """Return the largest step towards a limit ``room`` away from which a joint can still stop: s(D)."""
-    n = max(ceil((sqrt(1.0 + 8.0 * room / change) - 1.0) / 2.0), 1.0)
-    return room / n + change * (n - 1.0) / 2.0
+    n = max(np.ceil((sqrt(1.0 + 8.0 * room / change) - 1.0) / 2.0), 1.0)
+    step: float = room / n + change * (n - 1.0) / 2.0
+    return step
 
 
 @kernel

@@ -154,12 +154,12 @@ def test_wrenches_give_the_gradient_of_the_distances() -> None:
 def test_points_of_the_path_to_rest_are_where_braking_leads(cycles: float) -> None:
     random, model = np.random.default_rng(2), RobotModel(ROBOT)
     brake = 0.9 * limits(model)
-    path = BrakingPath(brake, DT, cycles)
+    path = BrakingPath(model.nv, cycles)
     for _ in range(20):
         v = random.uniform(-2, 2, model.nv)
         a = random.uniform(-1, 1, model.nv) * brake
         v[:3] = a[:3] = 0.0  # the base would brake for long
-        path.update(v)
+        path.update(v, brake, DT)
         q = model.configuration(np.zeros(17))
         after = braked(q, v, a, brake)[-1 if cycles == inf else int(cycles)]
         displacement = (after - q)[4:]
@@ -172,10 +172,10 @@ def test_the_path_to_rest_is_that_of_single_joints() -> None:
     """s(v) = v dt up to b dt, v^2 / (2 b) + b dt^2 / 2 above, after one cycle at v (``braking.py``)."""
     random, model = np.random.default_rng(3), RobotModel(ROBOT)
     brake = 0.9 * limits(model)
-    path = BrakingPath(brake, DT, inf)
+    path = BrakingPath(model.nv, inf)
     for _ in range(20):
         v = random.uniform(-2, 2, model.nv) * random.choice([0.01, 1.0], model.nv)
-        path.update(v)
+        path.update(v, brake, DT)
         speed = np.abs(v)
         stop = np.where(speed > brake * DT, v**2 / (2 * brake) + brake * DT**2 / 2, speed * DT)
         np.testing.assert_allclose(path.distance, v * DT + np.sign(v) * stop, atol=1e-15)

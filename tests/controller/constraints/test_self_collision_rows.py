@@ -23,8 +23,8 @@ def breakable(
     found: Counter[str] = Counter()
     least = inf
     for cycles in (inf, 1.0, 3.0):
-        path = BrakingPath(braking_limits.brake, DT, cycles)
-        path.update(v)
+        path = BrakingPath(len(v), cycles)
+        path.update(v, braking_limits.brake, DT)
         if cycles < inf and np.abs(v / braking_limits.brake).max() <= cycles * DT:
             continue  # at rest by then
         distances = ruler(ruler.model.integrate(q, path.distance))
@@ -70,8 +70,8 @@ def test_arms_that_brake_past_each_other_are_seen_though_they_end_far_apart() ->
     v, still = np.zeros((2, model.nv))
     v[model.joint_columns[5:9]] = -2.0, 2.0, -2.0, -2.0
     v[model.joint_columns[11:15]] = 2.0, -2.0, -2.0, -2.0
-    path = BrakingPath(braking_limits.brake, DT, 3.0)
-    path.update(v)
+    path = BrakingPath(model.nv, 3.0)
+    path.update(v, braking_limits.brake, DT)
     passing = model.configuration(meeting)
     q = model.integrate(passing, -path.distance)
     distances = [ruler(posture).min() for posture in braked(q, v, still, braking_limits.brake)]
