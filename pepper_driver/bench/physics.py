@@ -1,0 +1,118 @@
+"""Bare physics: the steps that MuJoCo made in a run of a simulated robot, recorded, and made again with nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import thread_time
+from types import TracebackType
+from typing import Any, Self
+
+import mujoco
+import numpy as np
+
+from pepper_driver.config.arrays import FloatArray
+
+FIELDS = (
+    "dof_frictionloss",
+    "dof_damping",
+    "tendon_damping",
+    "tendon_frictionloss",
+    "wrap_prm",
+    "actuator_gainprm",
+    "actuator_biasprm",
+)
+"""Fields of the model that the plant sets while it runs: friction, grip of the wheels, warmth of the motors."""
+
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+
+
+class RecordedSteps:
+    """Steps of physics that follow one another, each with what was set before it.
+
+    Replayed, they go through the same states, bit for bit: they cost what they cost in the run. Nothing may have pushed
+    or held the robot meanwhile.
+
+    Args:
+        model: The plant's model, of which a copy is made.
+        data: The state before the first step.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self._model = model.__copy__()
+        self._data = mujoco.MjData(self._model)
+        self._start = np.empty(mujoco.mj_stateSize(model, _STATE))
+        mujoco.mj_getState(model, data, self._start, _STATE)
+        self._targets = [self._data.ctrl, *(getattr(self._model, name) for name in FIELDS)]
+        self._newest: list[Any] = [None] * len(self._targets)
+        self._changes: list[list[tuple[FloatArray, FloatArray]]] = []
+
+    def __len__(self) -> int:
+        return len(self._changes)
+
+    def append(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Take in what has changed since the step before: the next one is made with it."""
+        changes = []
+        values = [data.ctrl, *(getattr(model, name) for name in FIELDS)]
+        for number, (target, value) in enumerate(zip(self._targets, values, strict=True)):
+            if not np.array_equal(value, self._newest[number]):
+                self._newest[number] = value.copy()
+                changes.append((target, self._newest[number]))
+        self._changes.append(changes)
+
+    def replay(self) -> float:
+        """Make the steps again; returns the processor time that MuJoCo took for them [s].
+
+        What is set between steps takes some per cent as long: that is timed alone, and subtracted.
+        """
+        without = self._replay(lambda model, data: None)
+        return self._replay(mujoco.mj_step) - without
+
+    def _replay(self, step: Callable[[mujoco.MjModel, mujoco.MjData], None]) -> float:
+        model, data = self._model, self._data
+        mujoco.mj_resetData(model, data)
+        mujoco.mj_setState(model, data, self._start, _STATE)
+        begin = thread_time()
+        for changes in self._changes:
+            for target, values in changes:
+                target[:] = values
+            step(model, data)
+        return thread_time() - begin
+
+    @property
+    def state(self) -> FloatArray:
+        """(nq + nv,) positions and velocities: at the end, once they were replayed."""
+        return np.concatenate([self._data.qpos, self._data.qvel])
+
+
+class StepRecorder:
+    """Records all steps that MuJoCo makes in this process inside a ``with`` block, which must be of one plant.
+
+    MuJoCo itself calls it in each step, before the forces act: the plant needs nothing for that.
+
+    Args:
+        length: Steps of one recording; a new one begins after so many.
+
+    Attributes:
+        recordings: In the order of time; the last one may be shorter.
+    """
+
+    def __init__(self, length: int) -> None:
+        self._length = length
+        self.recordings: list[RecordedSteps] = []
+
+    def __enter__(self) -> Self:
+        mujoco.set_mjcb_control(self._record)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        mujoco.set_mjcb_control(None)
+
+    def _record(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        if not self.recordings or len(self.recordings[-1]) == self._length:
+            self.recordings.append(RecordedSteps(model, data))
+        self.recordings[-1].append(model, data)
