@@ -52,7 +52,7 @@ build: $(VENV)/.extra-dev
 	$(BIN)/python -m build
 
 bench-controller: $(VENV)/.extra-peers
-	$(BIN)/python benchmarks/controller.py
+	$(BIN)/pepper bench --peers --seconds 72
 
 clean:
 	rm -rf $(VENV) build dist runs *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -16,7 +16,7 @@ import numpy as np
 
 from pepper_driver.backends import Backend, Command, make_backend, with_query
 from pepper_driver.backends.mujoco_.backend import MujocoBackend, Snapshot
-from pepper_driver.bench.one_core import one_core
+from pepper_driver.bench.machine import one_core
 from pepper_driver.bench.physics import RecordedSteps, StepRecorder
 from pepper_driver.config import load_experiment
 from pepper_driver.controller import Tick
@@ -159,9 +159,7 @@ def record_turns(plant: str, count: int, log: Path) -> tuple[Snapshot, list[Reco
             for posture in islice(_postures(pepper), count):
                 _turn(pepper, posture, lambda tick, _: ticks.append(tick))
         # A tick has the command that its measurement answers: the last ones come with later ticks.
-        pepper.run(
-            info.response_delay * info.cycle, on_tick=lambda tick, _: ticks.append(tick)
-        )
+        pepper.run(info.response_delay * info.cycle, on_tick=lambda tick, _: ticks.append(tick))
     commands = [tick.sent for tick in ticks[info.response_delay :]]
     return snapshot, [
         RecordedTurn(commands=commands[number * length : (number + 1) * length], steps=steps)
@@ -189,9 +187,7 @@ def _measure(
     simulated = sum(len(turn.commands) for turn in turns) * backend.info.cycle
     loop, alone, physics = simulated / times.min(axis=0).sum(axis=-1)
     quickest = int(times[:, 0].sum(axis=-1).argmin())
-    return statistics[quickest], Speed(
-        loop=float(loop), plant=float(alone), physics=float(physics)
-    )
+    return statistics[quickest], Speed(loop=float(loop), plant=float(alone), physics=float(physics))
 
 
 @contextmanager

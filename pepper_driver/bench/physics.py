@@ -1,4 +1,4 @@
-"""Bare physics: the steps that MuJoCo made in a run of a simulated robot, recorded, and made again with nothing else."""
+"""Bare physics: the steps that MuJoCo made in a run of a simulated robot, recorded, and made again alone."""
 
 from __future__ import annotations
 
@@ -35,14 +35,18 @@ class RecordedSteps:
     Args:
         model: The plant's model, of which a copy is made.
         data: The state before the first step.
+
+    Attributes:
+        model: The copy.
+        data: State after the last replay.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        self._model = model.__copy__()
-        self._data = mujoco.MjData(self._model)
+        self.model = model.__copy__()
+        self.data = mujoco.MjData(self.model)
         self._start = np.empty(mujoco.mj_stateSize(model, _STATE))
         mujoco.mj_getState(model, data, self._start, _STATE)
-        self._targets = [self._data.ctrl, *(getattr(self._model, name) for name in FIELDS)]
+        self._targets = [self.data.ctrl, *(getattr(self.model, name) for name in FIELDS)]
         self._newest: list[Any] = [None] * len(self._targets)
         self._changes: list[list[tuple[FloatArray, FloatArray]]] = []
 
@@ -68,7 +72,7 @@ class RecordedSteps:
         return self._replay(mujoco.mj_step) - without
 
     def _replay(self, step: Callable[[mujoco.MjModel, mujoco.MjData], None]) -> float:
-        model, data = self._model, self._data
+        model, data = self.model, self.data
         mujoco.mj_resetData(model, data)
         mujoco.mj_setState(model, data, self._start, _STATE)
         begin = thread_time()
@@ -77,11 +81,6 @@ class RecordedSteps:
                 target[:] = values
             step(model, data)
         return thread_time() - begin
-
-    @property
-    def state(self) -> FloatArray:
-        """(nq + nv,) positions and velocities: at the end, once they were replayed."""
-        return np.concatenate([self._data.qpos, self._data.qvel])
 
 
 class StepRecorder:

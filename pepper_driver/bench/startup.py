@@ -10,7 +10,6 @@ from dataclasses import asdict, dataclass
 from time import perf_counter
 from typing import Any
 
-from pepper_driver.bench.one_core import one_core
 from pepper_driver.config import PepperError
 
 RUNS = 5
@@ -79,7 +78,7 @@ class Startup:
 
 
 def run_startup_bench(*, on_progress: Callable[[float], None] | None = None) -> Startup:
-    """Start processes, on one core.
+    """Start processes, one after the other.
 
     Args:
         on_progress: Called with the fraction done, 0..1.
@@ -89,22 +88,23 @@ def run_startup_bench(*, on_progress: Callable[[float], None] | None = None) -> 
     """
     report_progress = on_progress or (lambda fraction: None)
     best: dict[str, float] = {}
-    with one_core():
-        for run in range(RUNS):
-            begin = perf_counter()
-            _output("-m", "pepper_driver", "--help")
-            figures = {"cli_help_s": perf_counter() - begin}
-            figures |= json.loads(_output("-c", _PROGRAM))
-            best = {name: min(value, best.get(name, value)) for name, value in figures.items()}
-            report_progress((run + 1) / RUNS)
+    for run in range(RUNS):
+        begin = perf_counter()
+        _output("-m", "pepper_driver", "--help")
+        figures = {"cli_help_s": perf_counter() - begin}
+        figures |= json.loads(_output("-c", _PROGRAM))
+        best = {name: min(value, best.get(name, value)) for name, value in figures.items()}
+        report_progress((run + 1) / RUNS)
     return Startup(**best)
 
 
 def _output(*arguments: str) -> str:
     """Run an interpreter like this one; returns what it prints."""
-    done = subprocess.run(
-        [sys.executable, *arguments], capture_output=True, text=True, check=False
-    )
+    command = [sys.executable, *arguments]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise StartupError(f"a new Python process cannot be started: {error}") from error
     if done.returncode != 0:
         last = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
         raise StartupError(f"a new Python process failed: {last}")

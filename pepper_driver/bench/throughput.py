@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from pepper_driver.bench.one_core import one_core
+from pepper_driver.bench.machine import one_core
 from pepper_driver.config import load_experiment, load_robot
 from pepper_driver.config.evaluation import load_evaluation
 from pepper_driver.evaluation.evaluate import evaluate, suite_jobs

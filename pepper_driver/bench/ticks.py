@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
-from pepper_driver.backends import Command, make_backend
-from pepper_driver.config import load_experiment
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import ComTask, PositionTask
-from pepper_driver.observer import shipped
 from pepper_driver.realtime import Statistics
 from pepper_driver.reflexes import Hold
 from pepper_driver.robot import Pepper
-
 
 TARGET_TIME = 2.4
 """[s] from one pair of targets of the hands to the next."""
