@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from functools import partial
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import process_time
+from time import perf_counter, process_time, thread_time
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from pepper_driver.backends.mujoco_.backend import MujocoBackend, Snapshot
 from pepper_driver.bench.machine import one_core
 from pepper_driver.bench.physics import RecordedSteps, StepRecorder
 from pepper_driver.config import load_experiment
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.observer import shipped
 from pepper_driver.realtime import Statistics
@@ -27,7 +27,7 @@ from pepper_driver.robot import Pepper
 from pepper_driver.session import OnTick
 
 RUNS = 5
-"""The same motion again and again: of each turn, the quickest run counts."""
+"""The same motion again and again: of each tick, the quickest run counts."""
 
 TURN = 2.0
 """[s] for which the loop runs before the plant alone, then bare physics, do the same."""
@@ -41,27 +41,31 @@ RANGE = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Speed:
-    """Speed of one plant, simulated time over wall time, and ratios of wall times for the same motion.
+    """Cost of one plant, with and without what is around it, for the same motion.
 
     Attributes:
-        loop: Speed of the whole loop with its log.
-        plant: Speed of the plant without the layers above it, given the same commands.
-        physics: Speed of MuJoCo's steps alone, given the same states, controls and frictions.
+        loop: Simulated time over wall time of the whole loop with its log.
+        plant: The same of the plant without the layers above it, given the same commands.
+        loop_us: One tick of the loop, with the share of its log that is written meanwhile [us].
+        plant_us: One tick of the plant [us].
+        physics_us: MuJoCo's steps of one tick alone, given the same states, controls and frictions [us].
     """
 
     loop: float
     plant: float
-    physics: float
+    loop_us: float
+    plant_us: float
+    physics_us: float
 
     @property
     def loop_over_physics(self) -> float:
-        """Wall time of the loop over that of the steps in it."""
-        return self.physics / self.loop
+        """Time of the loop over that of the steps in it."""
+        return self.loop_us / self.physics_us
 
     @property
     def plant_over_physics(self) -> float:
-        """Wall time of the plant over that of the steps in it."""
-        return self.physics / self.plant
+        """Time of the plant over that of the steps in it."""
+        return self.plant_us / self.physics_us
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +90,9 @@ class LoopBench:
                 plant: {
                     "real_time_factor": speed.loop,
                     "plant_alone_real_time_factor": speed.plant,
-                    "physics_real_time_factor": speed.physics,
+                    "loop_us": speed.loop_us,
+                    "plant_us": speed.plant_us,
+                    "physics_us": speed.physics_us,
                 }
                 for plant, speed in self.speed.items()
             },
@@ -108,8 +114,8 @@ def run_loop_bench(
     """Measure on the simulated robot, moving both arms, with observer, reflex and log, on one core.
 
     The loop, the plant alone and bare physics take turns with the same motion, so that a machine that slows down slows
-    all of them. All is repeated, and of each turn the least time of each of the three counts: others can only lengthen
-    it. Neither pushes nor grabs occur.
+    all of them. All is repeated, and of each tick the least time of each of the three counts, since others can only
+    lengthen it; of these times the median is compared. Neither pushes nor grabs occur.
 
     Args:
         seconds: Simulated time of one run on one plant.
@@ -172,22 +178,50 @@ def _measure(
 ) -> tuple[Statistics, Speed]:
     snapshot, turns = record_turns(plant, max(1, round(seconds / TURN)), log)
     report_progress(1 / (RUNS + 1))
-    times = np.empty((RUNS, 3, len(turns)))
+    length, steps = len(turns[0].commands), len(turns[0].steps)
+    # By run, turn and tick: the time of the loop, of the plant alone, of bare physics.
+    times = np.empty((3, RUNS, len(turns), length))
+    logging = np.empty((RUNS, len(turns)))
     statistics: list[Statistics] = []
-    for run, time in enumerate(times):
+    for run in range(RUNS):
         with _robot(plant, log) as pepper, _plant(plant) as backend:
             backend.open()
             backend.restore(snapshot)
             for number, (turn, posture) in enumerate(zip(turns, _postures(pepper), strict=False)):
-                time[0, number] = _time(partial(_turn, pepper, posture))
-                time[1, number] = _time(partial(_exchange, backend, turn.commands))
-                time[2, number] = turn.steps.replay()
+                times[0, run, number], logging[run, number] = _time_loop(pepper, posture)
+                times[1, run, number] = _time_plant(backend, turn.commands)
+                each = turn.steps.replay().reshape(length, steps // length)
+                times[2, run, number] = each.sum(axis=1)
             statistics.append(pepper.statistics)
         report_progress((run + 2) / (RUNS + 1))
-    simulated = sum(len(turn.commands) for turn in turns) * backend.info.cycle
-    loop, alone, physics = simulated / times.min(axis=0).sum(axis=-1)
-    quickest = int(times[:, 0].sum(axis=-1).argmin())
-    return statistics[quickest], Speed(loop=float(loop), plant=float(alone), physics=float(physics))
+    walls = times.sum(axis=-1)  # of turns
+    simulated = len(turns) * length * backend.info.cycle
+    loop_us, plant_us, physics_us = 1e6 * np.median(times.min(axis=1), axis=(1, 2))
+    log_us = 1e6 * float(logging.min(axis=0).mean()) / length
+    quickest = int(walls[0].sum(axis=-1).argmin())
+    return statistics[quickest], Speed(
+        loop=simulated / float(walls[0].min(axis=0).sum()),
+        plant=simulated / float(walls[1].min(axis=0).sum()),
+        loop_us=float(loop_us) + log_us,
+        plant_us=float(plant_us),
+        physics_us=float(physics_us),
+    )
+
+
+def _time_loop(pepper: Pepper, posture: dict[str, float]) -> tuple[FloatArray, float]:
+    """Have the robot run a turn; returns the time of each tick, and the processor time of the log's thread [s]."""
+    log, marks = process_time() - thread_time(), [perf_counter()]
+    _turn(pepper, posture, lambda tick, _: marks.append(perf_counter()))
+    return np.diff(marks), process_time() - thread_time() - log
+
+
+def _time_plant(backend: Backend, commands: Sequence[Command]) -> FloatArray:
+    """Give a plant the commands of a turn; returns the time of each tick [s]."""
+    marks = [perf_counter()]
+    for command in commands:
+        backend.exchange(command)
+        marks.append(perf_counter())
+    return np.diff(marks)
 
 
 @contextmanager
@@ -223,17 +257,6 @@ def _postures(pepper: Pepper) -> Iterator[dict[str, float]]:
         }
 
 
-def _turn(pepper: Pepper, posture: dict[str, float], on_tick: OnTick | None = None) -> None:
+def _turn(pepper: Pepper, posture: dict[str, float], on_tick: OnTick) -> None:
     pepper.set_posture(posture)
     pepper.run(TURN, on_tick=on_tick)
-
-
-def _exchange(backend: Backend, commands: Sequence[Command]) -> None:
-    for command in commands:
-        backend.exchange(command)
-
-
-def _time(work: Callable[[], None]) -> float:
-    begin = process_time()
-    work()
-    return process_time() - begin

@@ -85,7 +85,7 @@ def _identify() -> float:
             workers=1,
             progress=note,
         )
-        fit_folder(Path(folder), OBSERVER)
+        fit_folder(Path(folder), "fusion")
     return recorded
 
 

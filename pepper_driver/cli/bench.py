@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pepper_driver.bench.callbacks import run_callback_bench
-from pepper_driver.bench.loop import Speed, run_loop_bench
+from pepper_driver.bench.loop import run_loop_bench
 from pepper_driver.bench.machine import machine_as_json
 from pepper_driver.bench.peers import OURS, run_peer_bench
 from pepper_driver.bench.soak import run_soak
@@ -143,7 +143,12 @@ def _parts(
         with _bar(console, "loop") as advance:
             loop = run_loop_bench(seconds, plants=plants, on_progress=advance)
         console.print(_stages(loop.ticks))
-        console.print(_speeds(loop.speed))
+        for plant, speed in loop.speed.items():
+            console.print(
+                f"simulation of {plant}: {speed.loop:.1f} times real time with controller, observer and log, "
+                f"{speed.plant:.1f} times alone; a tick takes {speed.loop_over_physics:.2f} and "
+                f"{speed.plant_over_physics:.2f} times its bare physics of {speed.physics_us:.0f} us"
+            )
         figures |= loop.as_json()
     if "startup" in parts:
         with _bar(console, "start-up") as advance:
@@ -170,19 +175,6 @@ def _bar(console: Console, what: str) -> Iterator[Callable[[float], None]]:
     with make_progress(console) as progress:
         bar = progress.add_task(what, total=1.0)
         yield lambda fraction: progress.update(bar, completed=fraction)
-
-
-def _speeds(speeds: dict[str, Speed]) -> Table:
-    """Real-time factors, and the cost beside bare physics, by plant."""
-    table = Table(title="times real time, and time over that of bare physics", title_justify="left")
-    table.add_column("plant")
-    for name in ("loop", "plant alone", "physics", "loop / physics", "plant / physics"):
-        table.add_column(name, justify="right")
-    for plant, speed in speeds.items():
-        factors = (speed.loop, speed.plant, speed.physics)
-        ratios = (speed.loop_over_physics, speed.plant_over_physics)
-        table.add_row(plant, *(f"{value:.1f}" for value in factors), *(f"{r:.2f}" for r in ratios))
-    return table
 
 
 def _peers(console: Console, seconds: float, json_file: Path | None) -> int:
