@@ -66,7 +66,7 @@ def _identify() -> float:
     """Record and fit one joint, with fewer and shorter runs than the shipped experiment; returns the robot time [s]."""
     robot = load_robot()
     sweeps = load_experiment("identify", robot).with_goals(
-        sweeps=1, setpoints=2, estimation_stiffness=(2.0, 4.0)
+        sweeps=1, setpoints=2, estimation_stiffness=(3.0,)
     )
     calibration = load_experiment("calibration_motion", robot).with_goals(count=2)
     recorded = 0.0

@@ -97,7 +97,7 @@ def bench(
     ] = None,
     json_file: JsonOption = None,
 ) -> int:
-    """Time the stages of a tick, the simulation beside bare physics, start-up, and work on many robots, on one core."""
+    """Time ticks, the simulation beside bare physics, start-up and throughput."""
     console = make_console()
     check_outputs(json_file)
     kinds = {
