@@ -2,7 +2,7 @@
 # make test-all: also what takes minutes (plants for a minute, examples, docs, packages), and ten times the examples of property tests.
 # make flakes: the tests again and again, alone and next to busy processes; interrupted, it continues where it was.
 # make naoqi: install what a robot over NAOqi needs, and its stand-in. make lint: style. make types: mypy.
-# make format: rewrite as make lint wants it. make build: sdist and wheel. make bench-controller: beside other controllers.
+# make format: rewrite as make lint wants it. make build: sdist and wheel. make bench-controller: beside pink and mink.
 # make clean: remove all that was made. All need Python 3.11 to 3.13 and nothing else.
 PYTHON ?= python3
 VENV := .venv
@@ -58,7 +58,7 @@ build: $(VENV)/.extra-dev
 	$(BIN)/python -m build
 
 bench-controller: $(VENV)/.extra-peers
-	$(BIN)/python benchmarks/controller.py
+	$(BIN)/pepper bench --peers --seconds 72
 
 clean:
 	rm -rf $(VENV) build dist runs *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -21,95 +21,11 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from support import ROOT
 from support.stand_ins import patient_driver
 
-CONTROLLER = ROOT / "benchmarks" / "controller.py"
-PEERS = all(importlib.util.find_spec(name) for name in ("pink", "mink"))
-
-
-def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, str(CONTROLLER), *arguments], capture_output=True, text=True, check=False
-    )
-
-
-def test_the_controller_alone_is_measured(tmp_path: Path) -> None:
-    figures = tmp_path / "figures.json"
-    result = run("--without-peers", "--ticks", "150", "--rounds", "2", "--json", str(figures))
-    assert result.returncode == 0, result.stderr
-    assert "ours" in result.stdout
-    document = json.loads(figures.read_text())
-    assert set(document["controller_us"]) == {"ours", "ours_with_bodies"}
-    assert (
-        0 < document["controller_us"]["ours"]["median"] <= document["controller_us"]["ours"]["p99"]
-    )
-    assert set(document["ratio"]) == {"ours_with_bodies"}
-    assert document["ticks"] == 300
-    assert 0 <= document["largest_error_mm"]["ours"] < 10
-    assert document["cpu"]
-    assert {"python", "numpy", "pin", "daqp"} <= set(document["versions"])
-
-
-@pytest.mark.whole
-@pytest.mark.skipif(not PEERS, reason="needs the peers extra")
-def test_the_peers_are_measured_beside_it(tmp_path: Path) -> None:
-    figures = tmp_path / "figures.json"
-    result = run("--ticks", "150", "--rounds", "2", "--json", str(figures))
-    assert result.returncode == 0, result.stderr
-    document = json.loads(figures.read_text())
-    assert set(document["controller_us"]) == {
-        "ours",
-        "ours_with_bodies",
-        "pink",
-        "mink",
-    }
-    assert {"pink", "mink"} <= set(document["ratio"])
-    assert max(document["largest_error_mm"].values()) < 10
-
-
-@pytest.mark.skipif(PEERS, reason="the peers are there")
-def test_a_missing_peer_is_named_with_the_way_to_get_it() -> None:
-    assert_refused("peers")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "word"),
-    [
-        (["--ticks", "many"], "--ticks"),
-        (["--ticks", "0"], "--ticks"),
-        (["--ticks", "-5", "--rounds", "-60"], "--ticks"),
-        (["--ticks", "10", "--rounds", "2"], "--ticks"),
-        (["--peers"], "--peers"),
-        (["--json", "no/such/folder/figures.json"], "no/such/folder"),
-        (["--json", str(CONTROLLER.parent)], "folder"),
-    ],
-)
-def test_wrong_options_are_one_line(
-    arguments: list[str],
-    word: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.setattr(sys, "argv", [str(CONTROLLER), "--without-peers", *arguments])
-    with pytest.raises(SystemExit) as stopped:  # in this process: starting one takes a second
-        runpy.run_path(str(CONTROLLER), run_name="__main__")
-    shown = capsys.readouterr()
-    assert (stopped.value.code, shown.out, shown.err.count("\n")) == (2, "", 1)
-    assert word in shown.err
-
-
-def test_a_wrong_option_leaves_no_traceback() -> None:
-    assert_refused("--ticks", "--ticks", "many")
-
-
-def assert_refused(word: str, *arguments: str) -> None:
-    result = run(*arguments)
-    assert (result.returncode, result.stdout, result.stderr.count("\n")) == (2, "", 1)
-    assert word in result.stderr
-
 
 @pytest.mark.whole
 def test_the_stand_in_is_measured(qi: object, tmp_path: Path) -> None:
     figures = tmp_path / "figures.json"
-    script = str(CONTROLLER.parent / "stand_in.py")
+    script = str(ROOT / "benchmarks" / "stand_in.py")
     result = subprocess.run(
         [sys.executable, script, "--seconds", "1", "--json", str(figures)],
         capture_output=True,

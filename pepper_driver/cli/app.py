@@ -109,9 +109,9 @@ COMMANDS = {
     ),
     "bench": CommandEntry(
         place="bench:bench",
-        summary="Time the stages of a tick and the simulation, on one core.",
+        summary="Time ticks, the simulation beside bare physics, start-up and throughput.",
         example="pepper bench --tick --seconds 10",
-        docs="realtime.md",
+        docs="bench.md",
     ),
     "calibrate": CommandEntry(
         place="calibrate:calibrate",

@@ -1,18 +1,25 @@
-"""``pepper bench``: time of each stage of a tick, speed of the simulation."""
+"""``pepper bench``: time of ticks, speed of the simulation, start-up, throughput, other controllers."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal, get_args
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
 from pepper_driver.bench.callbacks import run_callback_bench
+from pepper_driver.bench.loop import run_loop_bench
+from pepper_driver.bench.machine import machine_as_json
+from pepper_driver.bench.peers import OURS, run_peer_bench
 from pepper_driver.bench.soak import run_soak
-from pepper_driver.bench.ticks import run_bench, run_tick_bench
+from pepper_driver.bench.startup import run_startup_bench
+from pepper_driver.bench.throughput import run_throughput_bench
+from pepper_driver.bench.ticks import run_tick_bench
 from pepper_driver.cli.console import (
     JsonOption,
     check_outputs,
@@ -23,13 +30,17 @@ from pepper_driver.cli.console import (
 from pepper_driver.config import ConfigError
 from pepper_driver.realtime import Statistics
 
+Part = Literal["loop", "startup", "throughput"]
+"""Of the measurements that are made where nothing else is asked for."""
+
 
 def bench(
     seconds: Annotated[
         float,
         typer.Option(
             metavar="SECONDS",
-            help="Time: simulated for each plant, real for --tick and for each kind of --callbacks.",
+            help="Time: simulated for each plant and run, real for --tick and for each kind of --callbacks; "
+            "for --peers of the ticks of each controller.",
             min=2.0,
             max=600.0,
         ),
@@ -39,7 +50,14 @@ def bench(
         typer.Option(
             "--plant",
             metavar="NAME_OR_FILE",
-            help="Plant to simulate, by default nominal; may be given again. Not with --tick or --callbacks.",
+            help="Plant to simulate, by default nominal; may be given again. Not with --tick, --callbacks or --peers.",
+        ),
+    ] = None,
+    part: Annotated[
+        Part | None,
+        typer.Option(
+            help="Only this: stages and cost of the loop, beside bare physics; start-up and memory; robot-hours "
+            "identified and evaluated in a core-hour; by default all three.",
         ),
     ] = None,
     tick: Annotated[
@@ -60,6 +78,13 @@ def bench(
             help="Instead, time ticks in real time with callbacks that sleep, raise, flood or compute.",
         ),
     ] = False,
+    peers: Annotated[
+        bool,
+        typer.Option(
+            "--peers",
+            help="Instead, time the controller beside pink and mink, with the same five tasks.",
+        ),
+    ] = False,
     soak: Annotated[
         float | None,
         typer.Option(
@@ -71,44 +96,106 @@ def bench(
         ),
     ] = None,
     json_file: JsonOption = None,
-) -> None:
-    """Time the stages of a tick and the simulation, on one core."""
+) -> int:
+    """Time ticks, the simulation beside bare physics, start-up and throughput."""
     console = make_console()
     check_outputs(json_file)
-    kinds = {"--tick": tick, "--callbacks": callbacks, "--soak": soak is not None}
+    kinds = {
+        "--tick": tick,
+        "--callbacks": callbacks,
+        "--peers": peers,
+        "--soak": soak is not None,
+    }
     given = [name for name, value in kinds.items() if value]
     if len(given) > 1:
         raise ConfigError(f"options {' and '.join(given)}: give one of them")
     if plants and (tick or callbacks):
         raise ConfigError(f"option '--plant': {given[0]} has a plant of its own; leave it out")
+    if plants and peers:
+        raise ConfigError("option '--plant': --peers simulates no robot; leave it out")
     if plants and len(plants) > 1 and soak is not None:
         raise ConfigError("option '--plant': --soak takes one plant")
+    if part and given:
+        raise ConfigError(f"option '--part': does not go with {given[0]}")
+    if plants and part not in (None, "loop"):
+        raise ConfigError(f"option '--plant': --part {part} has plants of its own; leave it out")
     if busy and not tick:
         raise ConfigError("option '--busy': goes with --tick")
     plants = plants or ["nominal"]
     if soak is not None:
         _soak(console, plants[0], soak, json_file)
-        return
-    if tick:
+    elif tick:
         _tick(console, seconds, busy, json_file)
-        return
-    if callbacks:
+    elif callbacks:
         _callbacks(console, seconds, json_file)
-        return
-    with make_progress(console) as progress:
-        bar = progress.add_task("measuring", total=1.0)
-        result = run_bench(
-            seconds,
-            plants=plants,
-            on_progress=lambda fraction: progress.update(bar, completed=fraction),
-        )
-    console.print(_stages(result.ticks))
-    for plant, factor in result.real_time_factor.items():
+    elif peers:
+        return _peers(console, seconds, json_file)
+    else:
+        _parts(console, seconds, plants, {part} if part else set(get_args(Part)), json_file)
+    return 0
+
+
+def _parts(
+    console: Console, seconds: float, plants: list[str], parts: set[str], json_file: Path | None
+) -> None:
+    figures: dict[str, Any] = {}
+    if "loop" in parts:
+        with _bar(console, "loop") as advance:
+            loop = run_loop_bench(seconds, plants=plants, on_progress=advance)
+        console.print(_stages(loop.ticks))
+        for plant, speed in loop.speed.items():
+            console.print(
+                f"simulation of {plant}: {speed.loop:.1f} times real time with controller, observer and log, "
+                f"{speed.plant:.1f} times alone; a tick takes {speed.loop_over_physics:.2f} and "
+                f"{speed.plant_over_physics:.2f} times its bare physics of {speed.physics_us:.0f} us"
+            )
+        figures |= loop.as_json()
+    if "startup" in parts:
+        with _bar(console, "start-up") as advance:
+            startup = run_startup_bench(on_progress=advance)
         console.print(
-            f"simulation of {plant}: {factor:.1f} times real time with controller, observer and log; "
-            f"{result.plant_alone[plant]:.1f} times alone"
+            f"start-up: import {startup.import_s:.2f} s, pepper --help {startup.cli_help_s:.2f} s, "
+            f"robot active after {startup.start_s:.2f} s; memory {startup.memory_mb:.0f} MB"
         )
+        figures |= startup.as_json()
+    if "throughput" in parts:
+        with _bar(console, "throughput") as advance:
+            throughput = run_throughput_bench(on_progress=advance)
+        console.print(
+            f"robot-hours in a core-hour: {throughput.identify:.1f} identified, "
+            f"{throughput.evaluate:.1f} evaluated with fusion"
+        )
+        figures |= throughput.as_json()
+    save_json(json_file, figures | machine_as_json(), console)
+
+
+@contextmanager
+def _bar(console: Console, what: str) -> Iterator[Callable[[float], None]]:
+    """Yield a function that moves a progress bar to a fraction, 0..1."""
+    with make_progress(console) as progress:
+        bar = progress.add_task(what, total=1.0)
+        yield lambda fraction: progress.update(bar, completed=fraction)
+
+
+def _peers(console: Console, seconds: float, json_file: Path | None) -> int:
+    with _bar(console, "measuring") as advance:
+        result = run_peer_bench(seconds, on_progress=advance)
+    table = Table(title="one tick of the controller, five tasks", title_justify="left")
+    table.add_column("controller")
+    for name in ("median us", "p99 us", "ratio", "by turns", "error mm"):
+        table.add_column(name, justify="right")
+    for name, times in result.times.items():
+        low, high = times.turns
+        span = "" if name == OURS else f"{low:.2f} to {high:.2f}"
+        figures = (f"{times.median:.1f}", f"{times.p99:.1f}", f"{times.ratio:.2f}", span)
+        table.add_row(name, *figures, f"{1e3 * times.error:.1f}")
+    console.print(table)
+    console.print("pink and mink compute neither accelerations nor the load torque.")
     save_json(json_file, result.as_json(), console)
+    lost = [name for name, times in result.times.items() if not times.reached]
+    if lost:
+        console.print(f"failed: {', '.join(lost)}: not at its targets; such times say nothing")
+    return 1 if lost else 0
 
 
 def _stages(ticks: Statistics) -> Table:
@@ -124,23 +211,15 @@ def _stages(ticks: Statistics) -> Table:
 
 
 def _tick(console: Console, seconds: float, busy: bool, json_file: Path | None) -> None:
-    with make_progress(console) as progress:
-        bar = progress.add_task("measuring", total=1.0)
-        ticks = run_tick_bench(
-            seconds,
-            busy=busy,
-            on_progress=lambda fraction: progress.update(bar, completed=fraction),
-        )
+    with _bar(console, "measuring") as advance:
+        ticks = run_tick_bench(seconds, busy=busy, on_progress=advance)
     console.print(str(ticks))
     save_json(json_file, {"ticks": ticks.as_json()}, console)
 
 
 def _callbacks(console: Console, seconds: float, json_file: Path | None) -> None:
-    with make_progress(console) as progress:
-        bar = progress.add_task("measuring", total=1.0)
-        costs = run_callback_bench(
-            seconds, on_progress=lambda fraction: progress.update(bar, completed=fraction)
-        )
+    with _bar(console, "measuring") as advance:
+        costs = run_callback_bench(seconds, on_progress=advance)
     table = Table(title="ticks in real time with one callback", title_justify="left")
     table.add_column("callback")
     for name in ("tick, median us", "ratio", "end, p99 ms", "missed"):
@@ -153,13 +232,8 @@ def _callbacks(console: Console, seconds: float, json_file: Path | None) -> None
 
 
 def _soak(console: Console, plant: str, seconds: float, json_file: Path | None) -> None:
-    with make_progress(console) as progress:
-        bar = progress.add_task("soaking", total=1.0)
-        result = run_soak(
-            f"mujoco://?plant={plant}",
-            seconds,
-            on_progress=lambda fraction: progress.update(bar, completed=fraction),
-        )
+    with _bar(console, "soaking") as advance:
+        result = run_soak(f"mujoco://?plant={plant}", seconds, on_progress=advance)
     energies = ", ".join(f"{energy:.2f}" for energy in result.largest_energy)
     console.print(
         f"{result.seconds:.0f} s of {plant} at {result.real_time_factor:.1f} times real time: "

@@ -177,12 +177,24 @@ def test_a_reader_that_goes_away_leaves_no_traceback(tmp_path: Path) -> None:
 
 def test_bench_writes_its_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "bench.json"
-    assert run(["bench", "--seconds", "2", "--json", str(path)]) == 0
+    assert run(["bench", "--part", "loop", "--seconds", "2", "--json", str(path)]) == 0
+    shown = capsys.readouterr().out
     figures = json.loads(path.read_text())
     for stage in ("read", "observer", "arbiter", "controller", "gate", "write", "log"):
         assert figures["stage_us"][stage]["p99"] >= figures["stage_us"][stage]["median"] > 0
     assert figures["tick_us"]["median"] < 12_000
-    assert figures["simulation"]["nominal"]["real_time_factor"] > 0
+    plant = figures["simulation"]["nominal"]
+    assert 0 < plant["real_time_factor"] < plant["plant_alone_real_time_factor"]
+    assert plant["loop_us"] > plant["plant_us"] > plant["physics_us"] > 0
+    ratio = plant["loop_us"] / plant["physics_us"]
+    assert figures["loop_over_physics"] == {"nominal": pytest.approx(ratio)}
+    assert f"{ratio:.2f}" in shown
+    ratio = plant["plant_us"] / plant["physics_us"]
+    assert figures["plant_over_physics"] == {"nominal": pytest.approx(ratio)}
+    assert f"{ratio:.2f}" in shown
+    assert "import_s" not in figures, "one part alone"
+    assert figures["cpu"]
+    assert {"python", "mujoco", "numpy"} <= set(figures["versions"])
 
 
 def test_bench_of_whole_ticks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

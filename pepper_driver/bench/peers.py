@@ -3,34 +3,33 @@
 All three hold the base and the centre of mass, keep a posture and bring both wrists to poses that jump a few
 centimetres every 2.4 s: 20 degrees of freedom from the same URDF, the same weights, position and velocity limits, DAQP
 for all. They take turns of some hundred ticks, so that a machine that slows down slows all of them. One tick is
-`controller.step()` whole for ours, `solve_ik` and `integrate_inplace` for the peers. Ours works with accelerations: it
-also keeps acceleration limits and braking distances, and gives accelerations and the load torque, which the peers do
-not compute. `ours_with_bodies` has self-collision and balance as well, as the robot runs it.
-
-Run: pip install -e ".[peers]"; python benchmarks/controller.py --json controller.json
+``controller.step()`` whole for ours, ``solve_ik`` and ``integrate_inplace`` for the peers. Ours works with
+accelerations: it also keeps acceleration limits and braking distances, and gives accelerations and the load torque,
+which the peers do not compute. ``ours_with_bodies`` has self-collision and balance as well, as the robot runs it.
 """
 
 from __future__ import annotations
 
-import argparse
 import gc
-import os
-import platform
-import sys
-from dataclasses import replace
-from importlib.metadata import version
-from pathlib import Path
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from importlib import import_module
 from time import perf_counter
-from typing import Any, NoReturn, Protocol
+from typing import Any, ClassVar
 
+import mujoco
 import numpy as np
-from rich.console import Console
-from rich.progress import track
-from rich.table import Table
 
-from pepper_driver.config import PepperError, RobotConfig, load_controller_settings, load_robot
+from pepper_driver.bench.machine import machine_as_json, one_core
+from pepper_driver.config import (
+    MissingExtraError,
+    RobotConfig,
+    load_controller_settings,
+    load_robot,
+)
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.config.files import check_writable, write_json
 from pepper_driver.controller import (
     BaseVelocityTask,
     ComTask,
@@ -41,34 +40,58 @@ from pepper_driver.controller import (
 
 WRISTS = ("l_wrist", "r_wrist")
 ARM = ("ShoulderPitch", "ShoulderRoll", "ElbowYaw", "ElbowRoll", "WristYaw")
-BENT = {
-    "ShoulderPitch": 0.9,
-    "ShoulderRoll": 0.3,
-    "ElbowYaw": -0.8,
-    "ElbowRoll": -0.9,
-}  # [rad] left
-POSTURE_WEIGHT, TASK_WEIGHT = 10.0, 1e4  # of the posture; of wrists, centre of mass and base
-POSTURE_STIFFNESS, TASK_STIFFNESS, BASE_STIFFNESS = 5.0, 10.0, 3.0  # [1/s2]
-HOLD = 200  # ticks from one target to the next, 2.4 s
-NEAREST, FARTHEST = 0.03, 0.08  # [m] that a wrist has to go at first
-ALLOWED = 0.01  # [m] of error when the next target comes
-EXTRA = 'pip install -e ".[peers]"'
+
+BENT = {"ShoulderPitch": 0.9, "ShoulderRoll": 0.3, "ElbowYaw": -0.8, "ElbowRoll": -0.9}
+"""[rad] of the left arm at the start."""
+
+POSTURE_WEIGHT, TASK_WEIGHT = 10.0, 1e4
+"""Of the posture; of wrists, centre of mass and base."""
+
+POSTURE_STIFFNESS, TASK_STIFFNESS, BASE_STIFFNESS = 5.0, 10.0, 3.0
+"""[1/s2]"""
+
+TURN = 300
+"""[ticks] of one controller before the next has its turn."""
+
+HOLD = 200
+"""[ticks] from one target to the next, 2.4 s."""
+
+NEAREST, FARTHEST = 0.03, 0.08
+"""[m] that a wrist has to go at first."""
+
+ALLOWED = 0.01
+"""[m] of error when the next target comes: what does not work is not worth timing."""
+
+OURS = "ours"
 
 
-class Controller(Protocol):
-    """One of those compared, with a state of its own."""
+class Contestant(ABC):
+    """One of the controllers compared, with a state of its own.
 
+    Args:
+        robot: Description of the robot.
+        start: (17,) posture at the start [rad].
+    """
+
+    packages: ClassVar[tuple[str, ...]]
+
+    @abstractmethod
+    def __init__(self, robot: RobotConfig, start: FloatArray) -> None: ...
+
+    @abstractmethod
     def aim(self, poses: FloatArray) -> None:
-        """New targets: (2, 4, 4) poses of the wrists in the world."""
+        """Set new targets: (2, 4, 4) poses of the wrists in the world."""
 
+    @abstractmethod
     def tick(self) -> None:
         """Make the timed step."""
 
+    @abstractmethod
     def reached(self) -> FloatArray:
-        """(2, 3) places of the wrists in the world [m]."""
+        """Return (2, 3) places of the wrists in the world [m]."""
 
 
-class Ours:
+class Ours(Contestant):
     """All five tasks, all limits of joints, base and wheels, integration and load torque."""
 
     packages = ("pepper-driver", "daqp")
@@ -84,18 +107,24 @@ class Ours:
         # Not the controller's own, which would give way: the peers hold the base with this weight too.
         self._controller.remove(self._controller.base_velocity)
         self._controller.add(BaseVelocityTask(weight=TASK_WEIGHT, stiffness=BASE_STIFFNESS))
-        gains = {"weight": TASK_WEIGHT, "stiffness": TASK_STIFFNESS, "base": True}
+        gains: dict[str, Any] = {"weight": TASK_WEIGHT, "stiffness": TASK_STIFFNESS, "base": True}
         self._wrists = [FrameTask(link, robot=robot, **gains) for link in WRISTS]
         for task in (*self._wrists, ComTask(robot=robot, **gains)):
             self._controller.add(task)
         self._frames = [self._controller.model.body_frame(link) for link in WRISTS]
-        self.tick = self._controller.step
+        self._step = self._controller.step
 
     def aim(self, poses: FloatArray) -> None:
+        """Set new targets."""
         for task, pose in zip(self._wrists, poses, strict=True):
             task.target = pose
 
+    def tick(self) -> None:
+        """Make the timed step."""
+        self._step()
+
     def reached(self) -> FloatArray:
+        """Return the places of the wrists."""
         model = self._controller.model
         model.update_kinematics()
         return np.array([model.pose(frame).translation for frame in self._frames])
@@ -107,7 +136,30 @@ class OursWithBodies(Ours):
     bodies = True
 
 
-class Pink:
+class Peer(Contestant):
+    """Velocities by pink or mink, which have the same interface."""
+
+    _configuration: Any
+    _solve: Any
+    _pose: Any
+    _dt: float
+    _wrists: list[Any]
+    _tasks: list[Any]
+    _limits: list[Any]
+
+    def aim(self, poses: FloatArray) -> None:
+        """Set new targets."""
+        for task, pose in zip(self._wrists, poses, strict=True):
+            task.set_target(self._pose(pose))
+
+    def tick(self) -> None:
+        """Make the timed step."""
+        configuration, dt = self._configuration, self._dt
+        velocity = self._solve(configuration, self._tasks, dt, solver="daqp", limits=self._limits)
+        configuration.integrate_inplace(velocity, dt)
+
+
+class Pink(Peer):
     """Velocities by pink, on the same Pinocchio model."""
 
     packages = ("pin-pink", "qpsolvers")
@@ -122,6 +174,7 @@ class Pink:
             model, model.createData(), own.configuration(start)
         )
         self._solve, self._dt = pink.solve_ik, robot.cycle
+        self._pose = type(model.frames[0].placement)
         cost = float(np.sqrt(TASK_WEIGHT))
         gains = {"gain": gain(TASK_STIFFNESS, robot)}
         self._wrists = [tasks.FrameTask(link, cost, cost, **gains) for link in WRISTS]
@@ -137,23 +190,14 @@ class Pink:
         velocity = np.concatenate([base, np.zeros(len(joints))])
         velocity[own.joint_columns] = joints
         self._limits = [limits.ConfigurationLimit(model), limits.VelocityLimit(model, velocity)]
-        self._pose = type(model.frames[0].placement)
-
-    def aim(self, poses: FloatArray) -> None:
-        for task, pose in zip(self._wrists, poses, strict=True):
-            task.set_target(self._pose(pose))
-
-    def tick(self) -> None:
-        configuration, dt = self._configuration, self._dt
-        velocity = self._solve(configuration, self._tasks, dt, solver="daqp", limits=self._limits)
-        configuration.integrate_inplace(velocity, dt)
 
     def reached(self) -> FloatArray:
+        """Return the places of the wrists."""
         place = self._configuration.get_transform_frame_to_world
         return np.array([place(link).translation for link in WRISTS])
 
 
-class Mink:
+class Mink(Peer):
     """Velocities by mink, on MuJoCo's model of the same URDF."""
 
     packages = ("mink", "mujoco", "qpsolvers")
@@ -187,36 +231,26 @@ class Mink:
         velocity = mink.VelocityLimit(model, dict(zip(names, speeds, strict=True)))
         self._limits = [mink.ConfigurationLimit(model), velocity]
 
-    def aim(self, poses: FloatArray) -> None:
-        for task, pose in zip(self._wrists, poses, strict=True):
-            task.set_target(self._pose(pose))
-
-    def tick(self) -> None:
-        configuration, dt = self._configuration, self._dt
-        velocity = self._solve(configuration, self._tasks, dt, solver="daqp", limits=self._limits)
-        configuration.integrate_inplace(velocity, dt)
-
     def reached(self) -> FloatArray:
+        """Return the places of the wrists."""
         data = self._configuration.data
         return np.array([data.body(f"robot/{link}").xpos for link in WRISTS])
 
 
 def gain(stiffness: float, robot: RobotConfig) -> float:
-    """Share of the error to make up in a tick: what a spring of that stiffness, critically damped, tends to."""
+    """Return the share of the error made up in a tick, as a critically damped spring of that stiffness tends to do."""
     return float(np.sqrt(stiffness)) * robot.cycle
 
 
 def velocity_limits(robot: RobotConfig) -> tuple[FloatArray, FloatArray]:
-    """(3,) of the base [m/s], [rad/s] and (17,) of the joints [rad/s]."""
+    """Return (3,) of the base [m/s], [rad/s] and (17,) of the joints [rad/s]."""
     base = robot.limits.base
     twist = np.array([base.linear_velocity, base.linear_velocity, base.angular_velocity])
     return twist, load_controller_settings(robot).joint_velocity(robot)
 
 
 def mujoco_model(robot: RobotConfig) -> Any:  # noqa: ANN401 MuJoCo has no types
-    """The robot's URDF without its shapes, wheels fixed, on slides x and y and a hinge."""
-    import mujoco
-
+    """Return the robot's URDF without its shapes, wheels fixed, on slides x and y and a hinge."""
     spec = mujoco.MjSpec()
     base = spec.worldbody.add_body(name="base")
     slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
@@ -233,7 +267,7 @@ def mujoco_model(robot: RobotConfig) -> Any:  # noqa: ANN401 MuJoCo has no types
 
 
 def start_posture(robot: RobotConfig) -> FloatArray:
-    """(17,) upright, both arms bent before the body [rad]."""
+    """Return (17,) upright, both arms bent before the body [rad]."""
     posture = np.zeros(len(robot.joint_names))
     for joint, angle in BENT.items():
         mirrored = 1.0 if joint == "ShoulderPitch" else -1.0
@@ -243,7 +277,7 @@ def start_posture(robot: RobotConfig) -> FloatArray:
 
 
 def random_poses(robot: RobotConfig, start: FloatArray, count: int) -> FloatArray:
-    """(count, 2, 4, 4) poses of the wrists that the arms can take, a few centimetres from where they start."""
+    """Return (count, 2, 4, 4) poses of the wrists that the arms can take, a few centimetres from where they start."""
     model, random = RobotModel(robot), np.random.default_rng(0)
     poses = np.zeros((count, len(WRISTS), 4, 4))
     for number in range(count):
@@ -263,14 +297,14 @@ def random_poses(robot: RobotConfig, start: FloatArray, count: int) -> FloatArra
 class Runner:
     """Runs one controller through the targets and keeps the times and the errors."""
 
-    def __init__(self, controller: Controller, poses: FloatArray) -> None:
+    def __init__(self, controller: Contestant, poses: FloatArray) -> None:
         self._controller, self._poses = controller, poses
         self._ticks = 0
         self.seconds: list[list[float]] = []
         self.errors: list[float] = []
 
     def run(self, ticks: int) -> None:
-        """One turn: durations go to a list of their own in ``seconds``."""
+        """Make one turn: its durations go to a list of their own in ``seconds``."""
         tick, durations = self._controller.tick, []
         for _ in range(ticks):
             segment, since = divmod(self._ticks, HOLD)
@@ -285,116 +319,134 @@ class Runner:
         self.seconds.append(durations)
 
     def _check(self, segment: int) -> None:
-        """Return the distance [m] of the wrists from a target that the next one replaces."""
+        """Keep the distance [m] of the wrists from a target that the next one replaces."""
         off = self._controller.reached() - self._poses[segment % len(self._poses), :, :3, 3]
         self.errors.append(float(np.linalg.norm(off, axis=1).max()))
 
 
-class Parser(argparse.ArgumentParser):
-    """Errors of one line."""
+@dataclass(frozen=True, kw_only=True)
+class PeerTimes:
+    """Times of one controller.
 
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message}\n")
+    Attributes:
+        median, p99: Of its ticks [us].
+        ratio: Of the median to that of ours.
+        turns: The same turn by turn: 10th and 90th percentile.
+        error: Largest distance of a wrist from its target when the next one came [m].
+    """
+
+    median: float
+    p99: float
+    ratio: float
+    turns: tuple[float, float]
+    error: float
+
+    @property
+    def reached(self) -> bool:
+        """True where it reached all targets."""
+        return self.error <= ALLOWED
 
 
-def arguments() -> argparse.Namespace:
-    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--ticks", type=int, default=300, help="in one turn (default: 300)")
-    parser.add_argument("--rounds", type=int, default=20, help="turns of each (default: 20)")
-    parser.add_argument("--without-peers", action="store_true", help="ours alone")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
-    given = parser.parse_args()
-    if given.ticks < 1 or given.rounds < 1 or given.ticks * given.rounds <= HOLD:
-        parser.error(f"--ticks times --rounds must be above {HOLD}, the ticks to one target")
-    if given.json is not None:
-        try:
-            check_writable(given.json)
-        except PepperError as error:
-            parser.error(str(error))
-    return given
+@dataclass(frozen=True, kw_only=True)
+class PeerBench:
+    """Times of all controllers by name, ``ours`` first, and of how many ticks each."""
+
+    times: dict[str, PeerTimes]
+    ticks: int
+    packages: frozenset[str]
+
+    def as_json(self) -> dict[str, Any]:
+        """``controller_us``, ``ratio``, ``ratio_by_turns``, ``largest_error_mm``, ``ticks``, ``cpu``, ``versions``."""
+        others = {name: times for name, times in self.times.items() if name != OURS}
+        return {
+            "controller_us": {
+                name: {"median": times.median, "p99": times.p99}
+                for name, times in self.times.items()
+            },
+            "ratio": {name: times.ratio for name, times in others.items()},
+            "ratio_by_turns": {
+                name: dict(zip(("p10", "p90"), times.turns, strict=True))
+                for name, times in others.items()
+            },
+            "largest_error_mm": {name: 1e3 * times.error for name, times in self.times.items()},
+            "ticks": self.ticks,
+            **machine_as_json(*self.packages),
+        }
 
 
-def measure(kinds: dict[str, Any], ticks: int, rounds: int) -> dict[str, Runner]:
+def run_peer_bench(
+    seconds: float = 20.0,
+    *,
+    peers: bool = True,
+    on_progress: Callable[[float], None] | None = None,
+) -> PeerBench:
+    """Time the controllers in turns, on one core.
+
+    Args:
+        seconds: Time of the ticks of each controller, were they 12 ms apart [s].
+        peers: Also those of other projects.
+        on_progress: Called with the fraction done, 0..1.
+
+    Raises:
+        MissingExtraError: They are not installed.
+    """
+    report_progress = on_progress or (lambda fraction: None)
+    kinds: dict[str, type[Contestant]] = {OURS: Ours, "ours_with_bodies": OursWithBodies}
+    if peers:
+        kinds |= {"pink": Pink, "mink": Mink}
+        for name in ("pink", "mink"):
+            try:
+                import_module(name)
+            except ImportError as error:
+                raise MissingExtraError("the comparison with pink and mink", "peers") from error
     robot = load_robot()
     start = start_posture(robot)
     poses = random_poses(robot, start, 20)
     runners = {name: Runner(kind(robot, start), poses) for name, kind in kinds.items()}
-    for runner in runners.values():  # the first ticks of a process are slow
-        runner.run(ticks)
-        runner.seconds.clear()
+    turns = max(1, round(seconds / (TURN * robot.cycle)))
+    with one_core():
+        for runner in runners.values():  # the first ticks of a process are slow
+            runner.run(TURN)
+            runner.seconds.clear()
+        with _no_collection():
+            for turn in range(turns):
+                for runner in runners.values():
+                    runner.run(TURN)
+                report_progress((turn + 1) / turns)
+    times = {name: 1e6 * np.array(runner.seconds) for name, runner in runners.items()}
+    return PeerBench(
+        times={
+            name: _summary(times[name], times[OURS], max(runner.errors))
+            for name, runner in runners.items()
+        },
+        ticks=turns * TURN,
+        packages=frozenset(package for kind in kinds.values() for package in kind.packages),
+    )
+
+
+def _summary(times: FloatArray, ours: FloatArray, error: float) -> PeerTimes:
+    """Return the figures of (turns, ticks) times [us]."""
+    median, p99 = np.percentile(times, [50, 99])
+    low, high = np.percentile(np.median(times, axis=1) / np.median(ours, axis=1), [10, 90])
+    return PeerTimes(
+        median=float(median),
+        p99=float(p99),
+        ratio=float(median / np.median(ours)),
+        turns=(float(low), float(high)),
+        error=error,
+    )
+
+
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """No garbage is collected inside the block, as inside the ticks of a robot in real time."""
+    enabled = gc.isenabled()
     gc.collect()
     gc.freeze()
     gc.disable()
-    for _ in track(range(rounds), "measuring", transient=True):
-        for runner in runners.values():
-            runner.run(ticks)
-    return runners
-
-
-def cpu_name() -> str:
-    """Return the name of the first processor."""
     try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor()
-    found = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return found[0] if found else platform.processor()
-
-
-def main() -> int:
-    """Command line: 0 well, 1 if one of them does not reach its targets, 2 a wrong input."""
-    given = arguments()
-    kinds: dict[str, Any] = {"ours": Ours, "ours_with_bodies": OursWithBodies}
-    if not given.without_peers:
-        kinds |= {"pink": Pink, "mink": Mink}
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-    try:
-        runners = measure(kinds, given.ticks, given.rounds)
-    except ModuleNotFoundError as error:
-        print(f"controller.py: {error.name} is missing: {EXTRA}", file=sys.stderr)
-        return 2
-    console = Console(soft_wrap=True, highlight=False)
-    table = Table(
-        "controller", "median [us]", "p99 [us]", "of ours", "of ours by turns", "error [mm]"
-    )
-    times = {name: 1e6 * np.array(runner.seconds) for name, runner in runners.items()}
-    figures: dict[str, Any] = {"controller_us": {}, "ratio": {}, "ratio_by_turns": {}}
-    lost = []
-    for name, runner in runners.items():
-        median, p99 = np.percentile(times[name], [50, 99])
-        ratio = median / np.median(times["ours"])
-        turns = np.median(times[name], axis=1) / np.median(times["ours"], axis=1)
-        low, high = np.percentile(turns, [10, 90])
-        error = max(runner.errors)
-        figures["controller_us"][name] = {"median": float(median), "p99": float(p99)}
-        figures.setdefault("largest_error_mm", {})[name] = 1e3 * error
-        if name != "ours":
-            figures["ratio"][name] = float(ratio)
-            figures["ratio_by_turns"][name] = {"p10": float(low), "p90": float(high)}
-        span = "" if name == "ours" else f"{low:.2f} to {high:.2f}"
-        row = f"{median:.1f}", f"{p99:.1f}", f"{ratio:.2f}", span, f"{1e3 * error:.1f}"
-        table.add_row(name, *row)
-        if not error <= ALLOWED:
-            lost.append(f"{name} is {1e3 * error:.0f} mm from a target after {HOLD} ticks")
-    console.print(table)
-    console.print("pink and mink compute neither accelerations nor the load torque.")
-    packages = sorted(
-        {package for kind in kinds.values() for package in kind.packages} | {"pin", "numpy"}
-    )
-    figures |= {
-        "ticks": given.ticks * given.rounds,
-        "rounds": given.rounds,
-        "cpu": cpu_name(),
-        "versions": {"python": platform.python_version(), **{p: version(p) for p in packages}},
-    }
-    if given.json is not None:
-        write_json(given.json, figures)
-        console.print(f"figures: {given.json}")
-    for line in lost:
-        print(f"controller.py: {line}: what does not work is not worth timing", file=sys.stderr)
-    return 1 if lost else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+        yield
+    finally:
+        gc.unfreeze()
+        if enabled:
+            gc.enable()

@@ -1,0 +1,85 @@
+"""The same motion by the loop, by the plant alone and by bare physics: the same states, each at its own cost."""
+
+from pathlib import Path
+from time import perf_counter
+
+import mujoco
+import numpy as np
+import pytest
+
+from pepper_driver.backends import make_backend
+from pepper_driver.backends.mujoco_ import MujocoBackend
+from pepper_driver.bench.loop import TURN, Speed, record_turns
+from pepper_driver.bench.physics import RecordedSteps, StepRecorder
+
+
+def energy(steps: RecordedSteps) -> float:
+    """Kinetic, after a replay [J]."""
+    momentum = np.empty(steps.model.nv)
+    mujoco.mj_mulM(steps.model, steps.data, momentum, steps.data.qvel)
+    return 0.5 * float(momentum @ steps.data.qvel)
+
+
+@pytest.mark.parametrize("plant", ["nominal", "integral", "worn", "soft-hip", "jitter"])
+def test_plant_and_bare_physics_go_where_the_loop_went(plant: str, tmp_path: Path) -> None:
+    """Commands, controls and frictions are all there, and in their places: so each step costs what it did."""
+    snapshot, turns = record_turns(plant, 2, tmp_path / "run.mcap")
+    backend = make_backend(f"mujoco://?plant={plant}")
+    assert isinstance(backend, MujocoBackend)
+    with backend:
+        backend.open()
+        backend.restore(snapshot)
+        start = backend.truth.position
+        for turn in turns:
+            assert len(turn.commands) == round(TURN / backend.info.cycle)
+            assert len(turn.steps) == 6 * len(turn.commands), "six of 2 ms a tick"
+            for command in turn.commands:
+                backend.exchange(command)
+            for _ in range(2):
+                turn.steps.replay()
+                joints = [turn.steps.model.joint(name) for name in backend.info.joint_names]
+                position = turn.steps.data.qpos[[joint.qposadr[0] for joint in joints]]
+                assert np.array_equal(position, backend.truth.position)
+                assert energy(turn.steps) == backend.truth.kinetic_energy
+        assert np.abs(backend.truth.position - start).max() > 0.1, "the arms move"
+
+
+PENDULUM = """
+<mujoco><worldbody><body><joint type="hinge" axis="0 1 0"/><geom size="0.1" pos="0 0 -1"/></body></worldbody></mujoco>
+"""
+SPIN = 200e-6  # [s]
+
+
+def test_the_time_is_that_of_the_steps_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps of a known time, next to changes that take longer than they do."""
+    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    data = mujoco.MjData(model)
+    with StepRecorder(50) as recorder:
+        for step in range(100):
+            model.dof_damping[:] = 0.01 * step
+            mujoco.mj_step(model, data)
+    assert [len(steps) for steps in recorder.recordings] == [50, 50]
+    count = 0
+
+    def spin(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        nonlocal count
+        count += 1
+        end = perf_counter() + SPIN
+        while perf_counter() < end:
+            pass
+
+    monkeypatch.setattr(mujoco, "mj_step", spin)
+    steps = recorder.recordings[1]
+    times = steps.replay()
+    assert times.shape == (50,)
+    assert np.median(times) == pytest.approx(SPIN, rel=0.1)
+    assert times.min() >= SPIN
+    assert count == 50
+    assert steps.model.dof_damping[0] == 0.99
+    mujoco.mj_step(model, data)
+    assert len(recorder.recordings) == 2, "nothing is recorded outside of the block"
+
+
+def test_ratios_are_those_of_times() -> None:
+    speed = Speed(loop=9.0, plant=25.0, loop_us=1250.0, plant_us=500.0, physics_us=250.0)
+    assert (speed.loop_over_physics, speed.plant_over_physics) == (5.0, 2.0)
