@@ -75,6 +75,7 @@ MAX_SECONDS = 600.0
 CLOSE_DEG = 0.1
 CLOSE_TICKS = 2
 CYCLE = 0.012  # [s]
+WIDTH = 160  # columns of the table
 MAX_SHOWN = 4  # differing columns of a run in the table; all are in the JSON file
 
 
@@ -493,7 +494,7 @@ def main() -> int:
     except SideError as error:
         print(f"same_ticks.py: {error}", file=sys.stderr)
         return 2
-    Console(soft_wrap=True, highlight=False).print(as_table(comparisons))
+    Console(width=WIDTH, highlight=False).print(as_table(comparisons))
     same = all(run.close if given.close else run.same for run in comparisons)
     if given.json is not None:
         document = {

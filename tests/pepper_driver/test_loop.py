@@ -381,6 +381,8 @@ def reachable(root: object) -> list[object]:
         thing = todo.pop()
         if id(thing) in seen or isinstance(thing, str | bytes | int | float | np.generic | type):
             continue
+        if type(thing).__module__.startswith(("numba", "llvmlite")):  # compiled code holds nothing
+            continue
         seen[id(thing)] = thing
         if is_dataclass(thing):
             todo += [getattr(thing, field.name) for field in fields(thing)]
