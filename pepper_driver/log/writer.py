@@ -198,6 +198,8 @@ DRAIN_PERIOD = 0.05
 """[s] Sleep of the writer thread between two checks of the ring."""
 BLOCK = 8
 """Rows written in one go: a fraction of a millisecond, for the tick must not wait long for the interpreter."""
+LOSSLESS_PERIOD = 0.25
+"""[s] The same in simulated time, where no tick is due: all rows go at once, and other ticks are left alone."""
 BACKLOG_SLEEP = 0.001
 """[s] Sleep between blocks of a backlog."""
 
@@ -240,6 +242,9 @@ class LogWriter:
             raise ValueError(f"a log needs room for at least one row, got capacity {capacity}")
         self._path = Path(path)
         self._lossless = lossless
+        self._period, self._block = (
+            (LOSSLESS_PERIOD, capacity) if lossless else (DRAIN_PERIOD, BLOCK)
+        )
         self._capacity = capacity
         self._ring: list[_Row | LogEvent | None] = [None] * capacity
         self._tick_rows = Rows(TICK_FIELDS, robot)
@@ -321,7 +326,7 @@ class LogWriter:
     def _run(self) -> None:
         closing = False
         while not closing:
-            self._wake.wait(DRAIN_PERIOD)
+            self._wake.wait(self._period)
             self._wake.clear()
             closing = self._closing  # read before the ring: no row follows it
             self._drain(pause=0.0 if closing else BACKLOG_SLEEP)
@@ -334,7 +339,7 @@ class LogWriter:
 
     def _drain(self, pause: float) -> None:
         while (start := self._tail) < self._head:
-            stop = min(self._head, start + BLOCK)
+            stop = min(self._head, start + self._block)
             try:
                 if self._failure is None:
                     for index in range(start, stop):
