@@ -20,6 +20,7 @@ from pepper_driver.bench.physics import RecordedSteps, StepRecorder
 from pepper_driver.config import load_experiment
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Tick
+from pepper_driver.log import read_log
 from pepper_driver.observer import shipped
 from pepper_driver.realtime import Statistics
 from pepper_driver.reflexes import Hold
@@ -46,7 +47,7 @@ class Speed:
     Attributes:
         loop: Simulated time over wall time of the whole loop with its log.
         plant: The same of the plant without the layers above it, given the same commands.
-        loop_us: One tick of the loop, with the share of its log that is written meanwhile [us].
+        loop_us: One tick of the loop, with what the log's thread takes to write it [us].
         plant_us: One tick of the plant [us].
         physics_us: MuJoCo's steps of one tick alone, given the same states, controls and frictions [us].
     """
@@ -181,38 +182,46 @@ def _measure(
     length, steps = len(turns[0].commands), len(turns[0].steps)
     # By run, turn and tick: the time of the loop, of the plant alone, of bare physics.
     times = np.empty((3, RUNS, len(turns), length))
-    logging = np.empty((RUNS, len(turns)))
+    meanwhile, log_time = np.empty((RUNS, len(turns))), np.empty(RUNS)
     statistics: list[Statistics] = []
     for run in range(RUNS):
+        before = _other_threads()
         with _robot(plant, log) as pepper, _plant(plant) as backend:
             backend.open()
             backend.restore(snapshot)
             for number, (turn, posture) in enumerate(zip(turns, _postures(pepper), strict=False)):
-                times[0, run, number], logging[run, number] = _time_loop(pepper, posture)
+                times[0, run, number], meanwhile[run, number] = _time_loop(pepper, posture)
                 times[1, run, number] = _time_plant(backend, turn.commands)
                 each = turn.steps.replay().reshape(length, steps // length)
                 times[2, run, number] = each.sum(axis=1)
             statistics.append(pepper.statistics)
+        # The log's thread writes many ticks at a time, in any turn, and the last ones at the end: the whole run counts.
+        log_time[run] = (_other_threads() - before) / len(read_log(log))
         report_progress((run + 2) / (RUNS + 1))
-    walls = times.sum(axis=-1)  # of turns
-    simulated = len(turns) * length * backend.info.cycle
     loop_us, plant_us, physics_us = 1e6 * np.median(times.min(axis=1), axis=(1, 2))
-    log_us = 1e6 * float(logging.min(axis=0).mean()) / length
-    quickest = int(walls[0].sum(axis=-1).argmin())
+    loops = (times[0].sum(axis=-1) - meanwhile).min(axis=0) / length
+    plants = times[1].sum(axis=-1).min(axis=0) / length
+    log_share = float(log_time.min())
+    quickest = int(times[0].sum(axis=(1, 2)).argmin())
     return statistics[quickest], Speed(
-        loop=simulated / float(walls[0].min(axis=0).sum()),
-        plant=simulated / float(walls[1].min(axis=0).sum()),
-        loop_us=float(loop_us) + log_us,
+        loop=backend.info.cycle / (float(loops.mean()) + log_share),
+        plant=backend.info.cycle / float(plants.mean()),
+        loop_us=float(loop_us) + 1e6 * log_share,
         plant_us=float(plant_us),
         physics_us=float(physics_us),
     )
 
 
 def _time_loop(pepper: Pepper, posture: dict[str, float]) -> tuple[FloatArray, float]:
-    """Have the robot run a turn; returns the time of each tick, and the processor time of the log's thread [s]."""
-    log, marks = process_time() - thread_time(), [perf_counter()]
+    """Have the robot run a turn; returns the time of each tick, and what the log's thread took meanwhile [s]."""
+    before, marks = _other_threads(), [perf_counter()]
     _turn(pepper, posture, lambda tick, _: marks.append(perf_counter()))
-    return np.diff(marks), process_time() - thread_time() - log
+    return np.diff(marks), _other_threads() - before
+
+
+def _other_threads() -> float:
+    """Return the processor time of all threads but this one, which are the log's [s]."""
+    return process_time() - thread_time()
 
 
 def _time_plant(backend: Backend, commands: Sequence[Command]) -> FloatArray:

@@ -172,9 +172,11 @@ def _parts(
 @contextmanager
 def _bar(console: Console, what: str) -> Iterator[Callable[[float], None]]:
     """Yield a function that moves a progress bar to a fraction, 0..1."""
-    with make_progress(console) as progress:
+    progress = make_progress(console)
+    progress.live.auto_refresh = False  # a thread that draws would take time from what is measured
+    with progress:
         bar = progress.add_task(what, total=1.0)
-        yield lambda fraction: progress.update(bar, completed=fraction)
+        yield lambda fraction: progress.update(bar, completed=fraction, refresh=True)
 
 
 def _peers(console: Console, seconds: float, json_file: Path | None) -> int:

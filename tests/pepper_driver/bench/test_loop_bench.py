@@ -1,7 +1,8 @@
 """The same motion by the loop, by the plant alone and by bare physics: the same states, each at its own cost."""
 
+import threading
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, thread_time
 
 import mujoco
 import numpy as np
@@ -9,8 +10,10 @@ import pytest
 
 from pepper_driver.backends import make_backend
 from pepper_driver.backends.mujoco_ import MujocoBackend
-from pepper_driver.bench.loop import TURN, Speed, record_turns
+from pepper_driver.bench import loop
+from pepper_driver.bench.loop import TURN, Speed, record_turns, run_loop_bench
 from pepper_driver.bench.physics import RecordedSteps, StepRecorder
+from pepper_driver.log import LogWriter
 
 
 def energy(steps: RecordedSteps) -> float:
@@ -83,3 +86,31 @@ def test_the_time_is_that_of_the_steps_alone(monkeypatch: pytest.MonkeyPatch) ->
 def test_ratios_are_those_of_times() -> None:
     speed = Speed(loop=9.0, plant=25.0, loop_us=1250.0, plant_us=500.0, physics_us=250.0)
     assert (speed.loop_over_physics, speed.plant_over_physics) == (5.0, 2.0)
+
+
+WRITING = 0.3
+"""[s] of a processor, in a run of 250 ticks."""
+
+
+def test_a_log_that_is_written_late_costs_as_much(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its thread writes when it likes, also between the turns that are timed, and most of a short run at its end."""
+    monkeypatch.setattr(loop, "RUNS", 2)
+    before = run_loop_bench(2.0).speed["nominal"]
+    close = LogWriter.close
+
+    def write() -> None:
+        end = thread_time() + WRITING
+        while thread_time() < end:
+            pass
+
+    def close_late(log: LogWriter) -> None:
+        thread = threading.Thread(target=write)
+        thread.start()
+        thread.join()
+        close(log)
+
+    monkeypatch.setattr(LogWriter, "close", close_late)
+    after = run_loop_bench(2.0).speed["nominal"]
+    assert after.loop_us - before.loop_us > 0.5 * 1e6 * WRITING / 250
+    assert after.loop < before.loop
+    assert after.plant_us == pytest.approx(before.plant_us, rel=0.5)
