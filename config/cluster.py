@@ -471,7 +471,7 @@ class ClusterBackend(ParallelBackendBase):  # type: ignore[misc]
         return result
 
     def abort_everything(self, ensure_ready: bool = True) -> None:
-        """Take back what was sent; jobs that workers are performing end there, and nobody hears of them."""
+        """Take back what was sent; jobs that workers are performing end there, and their results are dropped."""
         self._calling = False
         futures = list(self._futures)
         self._client.loop.add_callback(self._take_back, futures)

@@ -146,13 +146,15 @@ class Kernel(Generic[P, R]):
 
     def key(self) -> str:
         """Return a hash of all that the compiled code follows from: texts, constants, types, checks of bounds."""
-        from numba.core import config
-
-        parts = [_text(self._function.__code__.co_filename), f"{config.BOUNDSCHECK=}"]  # type: ignore[attr-defined]
+        parts = [_text(self._function.__code__.co_filename), f"{_settings().BOUNDSCHECK=}"]
         for name, value in self._globals().items():
             if isinstance(value, Kernel):
                 parts.append(value.key())
-            elif isinstance(value, int | float | tuple | np.ndarray):
+            elif isinstance(value, np.ndarray | np.generic):
+                parts.append(
+                    f"{name}={value.tolist()!r}"
+                )  # whole: repr leaves out what is in the middle
+            elif isinstance(value, int | float | tuple):
                 parts.append(f"{name}={value!r}")
         parts += [str(kind) for kind in self._signature()]
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
@@ -177,14 +179,12 @@ class Kernel(Generic[P, R]):
         return cast(Callable[P, R], linked)
 
     def _compile(self) -> Callable[P, R]:
-        from numba.core import config
-
         signature, folder = self._signature(), cache_folder()
         if folder is None:
             _announce()
             return _jit(self._linked(), signature, keep=False)
         own = folder / f"{self.name}-{self.key()}"
-        settings = cast(Any, config)
+        settings = _settings()
         before, settings.CACHE_DIR = settings.CACHE_DIR, str(own)
         try:
             compiled = None
@@ -206,6 +206,12 @@ class Kernel(Generic[P, R]):
 
 
 _COMPILING = threading.RLock()
+
+
+def _settings() -> Any:  # noqa: ANN401 numba sets these attributes from the environment
+    from numba.core import config
+
+    return config
 
 
 def _jit(function: Callable[P, R], signature: tuple[Any, ...], *, keep: bool) -> Callable[P, R]:

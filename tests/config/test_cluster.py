@@ -71,13 +71,13 @@ def test_without_dask_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> Non
         pass
 
 
-@pytest.fixture(params=["nobody", "silent", "web"])
+@pytest.fixture(params=["closed", "silent", "web"])
 def not_a_scheduler(request: pytest.FixtureRequest) -> Iterator[tuple[str, str]]:
-    """A port behind which there is nobody, a program that says nothing, or one of another protocol."""
+    """A port that no program listens on, a program that says nothing, or one of another protocol."""
     with socket.socket() as listener:
         listener.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
-        if request.param == "nobody":
+        if request.param == "closed":
             yield (
                 address,
                 "no scheduler there (connection refused); start one with 'dask scheduler'",

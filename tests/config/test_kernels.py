@@ -221,17 +221,20 @@ def test_code_is_compiled_once_and_then_read(program: Program) -> None:
     assert program.run() == ("3.0", "")
 
 
-def test_a_change_of_what_the_code_follows_from_compiles_anew(program: Program) -> None:
+def test_a_change_of_what_the_code_follows_from_compiles_again(program: Program) -> None:
     program.run()
-    changes = {
-        "constants": ("FACTOR = 8.0", "4.0"),
-        "helper": (HELPER.replace("/ 2.0", "/ 1.0"), "8.0"),
-        "scaling": (MODULE.replace("FACTOR * values", "2.0 * FACTOR * values"), "16.0"),
-    }
-    for module, (text, expected) in changes.items():
+    array = "import numpy\nFACTOR = numpy.int64({})"
+    changes = [
+        ("constants", "FACTOR = 8.0", "4.0"),
+        ("constants", array.format(10), "5.0"),
+        ("constants", array.format(12), "6.0"),
+        ("helper", HELPER.replace("/ 2.0", "/ 1.0"), "12.0"),
+        ("scaling", MODULE.replace("FACTOR * values", "2.0 * FACTOR * values"), "24.0"),
+    ]
+    for module, text, expected in changes:
         program.write(module, text)
         out, said = program.run()
-        assert (out, COMPILES in said) == (expected, True), module
+        assert (out, COMPILES in said) == (expected, True), text
 
 
 def test_processes_that_compile_at_once_disturb_nothing(program: Program) -> None:
