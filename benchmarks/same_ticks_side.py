@@ -11,6 +11,7 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import MISSING, fields, is_dataclass
+from functools import partial
 from itertools import cycle
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
@@ -74,12 +75,13 @@ class SideError(Exception):
 def play(pepper: Pepper, job: dict[str, Any]) -> str:
     """Move and push a robot; return why it ended early, or an empty text."""
     rng = np.random.default_rng(job["seed"])
+    push = partial(push_link, pepper, rng, 1.0 + job["nudge"])
     try:
         if job["motions"]:
-            play_motions(pepper, rng)
+            play_motions(pepper, push)
         else:
             left = job["seconds"]
-            for duration in play_steps(pepper, rng):
+            for duration in play_steps(pepper, rng, push):
                 pepper.run(min(duration, left))
                 left -= duration
                 if left <= 0.0:
@@ -89,32 +91,34 @@ def play(pepper: Pepper, job: dict[str, Any]) -> str:
     return ""
 
 
-def play_motions(pepper: Pepper, rng: np.random.Generator) -> None:
+def play_motions(pepper: Pepper, push: Callable[..., None]) -> None:
     """Play shipped motions, with a push in each."""
     for link, motion in zip(FORCES, MOTIONS, strict=False):
-        push(pepper, rng, link, 1.0)
+        push(link, 1.0)
         pepper.play(motion)
 
 
-def play_steps(pepper: Pepper, rng: np.random.Generator) -> Iterator[float]:
+def play_steps(
+    pepper: Pepper, rng: np.random.Generator, push: Callable[..., None]
+) -> Iterator[float]:
     """Ask for one motion with pushes after the other; yield for how long each is to run [s]."""
     links = cycle(FORCES)
     while True:
         pepper.set_posture(draw_posture(rng, 17), duration=2.0)
-        push(pepper, rng, next(links), 0.3)
-        push(pepper, rng, next(links), 1.3)
+        push(next(links), 0.3)
+        push(next(links), 1.3)
         yield 2.5
         pepper.set_posture(draw_posture(rng, 6))
         yield 1.2
-        push(pepper, rng, next(links))  # at rest
+        push(next(links))  # at rest
         yield 1.6
         drive(pepper, rng.uniform(np.negative(MAX_TWIST), MAX_TWIST))
         pepper.set_posture(draw_posture(rng, 8), duration=1.5)
-        push(pepper, rng, next(links), 0.5)
+        push(next(links), 0.5)
         yield 1.8
         drive(pepper, np.zeros(3))
         pepper.set_posture(draw_posture(rng, 17), duration=3.0)  # replaced before its end
-        push(pepper, rng, next(links), 0.3)
+        push(next(links), 0.3)
         yield 1.2
 
 
@@ -124,10 +128,12 @@ def draw_posture(rng: np.random.Generator, count: int) -> dict[str, float]:
     return {name: float(rng.uniform(*RANGES[name])) for name in names}
 
 
-def push(pepper: Pepper, rng: np.random.Generator, link: str, delay: float = 0.0) -> None:
-    """Push a link in a random direction, ``delay`` [s] from now."""
+def push_link(
+    pepper: Pepper, rng: np.random.Generator, scale: float, link: str, delay: float = 0.0
+) -> None:
+    """Push a link in a random direction with ``scale`` times a random force, ``delay`` [s] from now."""
     direction = rng.normal(size=3)
-    force = FORCES[link] * rng.uniform(0.6, 1.0) * direction / np.linalg.norm(direction)
+    force = scale * FORCES[link] * rng.uniform(0.6, 1.0) * direction / np.linalg.norm(direction)
     pepper.push(link, force, duration=float(rng.uniform(0.5, 0.9)), delay=delay)
 
 

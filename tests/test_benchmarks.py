@@ -366,6 +366,39 @@ def test_ticks_that_differ_are_exit_code_1(
     assert ("position (2, 1): 5.0, 5.000000000000001" in capsys.readouterr().out) == changed
 
 
+@pytest.mark.usefixtures("checkout")
+@pytest.mark.parametrize(
+    ("nudged_row", "newer_row", "result", "code"),
+    [(50, 60, "chaotic", 0), (50, 30, "DIFFERENT", 1), (None, 60, "DIFFERENT", 1)],
+)
+def test_a_run_is_chaotic_where_the_older_side_parts_from_itself_as_early(
+    nudged_row: int | None,
+    newer_row: int,
+    result: str,
+    code: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    module = benchmark(SAME_TICKS, monkeypatch)
+
+    def run_side(run: Any, tree: Path, out: Path) -> dict[str, Any]:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        position = np.zeros((100, 17))
+        row = nudged_row if run.nudge else newer_row if tree == module.ROOT else None
+        if row is not None:
+            position[row:, 3] = np.radians(2.0)
+        np.savez(out, position=position, time=module.CYCLE * np.arange(100))
+        return {"ended": ""}
+
+    monkeypatch.setattr(module, "run_side", run_side)
+    arguments = ["same_ticks.py", "--commit", "HEAD", "--plants", "cold", "--close"]
+    monkeypatch.setattr(sys, "argv", arguments)
+    assert module.main() == code
+    shown = capsys.readouterr().out
+    assert f"parts at {newer_row * module.CYCLE:.2f} s; older side from itself" in shown
+    assert result in shown
+
+
 @dataclass(frozen=True, kw_only=True)
 class OldSample:
     position: FloatArray
