@@ -115,8 +115,8 @@ def run_loop_bench(
     """Measure on the simulated robot, moving both arms, with observer, reflex and log.
 
     On one core, the loop, the plant alone and bare physics take turns with the same motion, so that a machine that
-    slows down slows all of them. All is repeated, and of each tick the least time of each of the three counts, since others can only
-    lengthen it; of these times the median is compared. Neither pushes nor grabs occur.
+    slows down slows all of them. All is repeated, and of each tick the least time of each of the three counts, since
+    others can only lengthen it; of these times the median is compared. Neither pushes nor grabs occur.
 
     Args:
         seconds: Simulated time of one run on one plant.
