@@ -23,6 +23,7 @@ from pepper_driver.realtime import StageTimes
 from pepper_driver.reflexes import Arbiter
 from pepper_driver.safety import FaultError, FaultReason, SafetyGate
 from pepper_driver.safety.plugins import describe_failure
+from pepper_driver.telemetry import TelemetryServer
 
 Labelling = Callable[[Measurement], Sequence[Label]]
 """Makes the labels of a tick, inside it: must be quick."""
@@ -91,6 +92,7 @@ class Loop:
         if observer is not None:
             observer.reset()
         self._log: LogWriter | None = None
+        self._telemetry: TelemetryServer | None = None
         self._label: Labelling = lambda _: ()
         self._logs_truth = "truth" in backend.info.capabilities
         self._missed = 0
@@ -128,6 +130,10 @@ class Loop:
         """Log every tick from the next one on, with the labels made of its measurement."""
         self._log, self._label, self._missed = log, label or self._label, 0
 
+    def start_telemetry(self, telemetry: TelemetryServer) -> None:
+        """Stream every tick from the next one on."""
+        self._telemetry = telemetry
+
     def set_attentive(self, value: bool) -> None:
         """Begin or end to oscillate by a little on top of the posture, from the next tick on."""
         if value != self.arbiter.attentive:
@@ -139,6 +145,8 @@ class Loop:
         """Log what happened outside the stages of a tick."""
         if self._log is not None:
             self._log.note(event)
+        if self._telemetry is not None:
+            self._telemetry.log_event(event)
 
     def tick(self, due: int | None = None, missed: int = 0) -> TickRecord:
         """Run one cycle.
@@ -202,6 +210,8 @@ class Loop:
             )
             if self._log is not None:
                 self._log.append(record)
+            if self._telemetry is not None:
+                self._telemetry.append(record)
             marks.append(now())
             self.latest = record
             self._publish(record)

@@ -14,7 +14,7 @@ from pepper_driver.config import (
     UnknownNameError,
     load_observer_settings,
 )
-from pepper_driver.config.plugins import load_plugin, make_part
+from pepper_driver.config.plugins import load_plugin, make_part, plugin_names
 from pepper_driver.observer import (
     ContactObserver,
     ModelFileError,
@@ -35,6 +35,11 @@ _OBSERVERS = {
     "momentum": "pepper_driver.observers:momentum_observer",
     "paper": "pepper_driver.observers:paper_observer",
 }
+
+
+def observer_names() -> list[str]:
+    """Return the names of observers, those of other packages too."""
+    return list(plugin_names(OBSERVER_GROUP, _OBSERVERS))
 
 
 def make_observer(

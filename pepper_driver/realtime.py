@@ -47,6 +47,9 @@ STAGES = ("read", "observer", "arbiter", "controller", "gate", "write", "log", "
 WAKING = "waking up"
 """Stage before the first: others had the processor, or the interpreter."""
 
+RECENT = 100
+"""Ticks over which a running robot shows the times of its stages."""
+
 WARNING_PERIOD = 5.0
 """[s] between two warnings about missed ticks, at least."""
 
@@ -350,6 +353,20 @@ class StageTimes:
             times = [b - a for a, b in pairwise((begin, *marks))]
             self._longest = (WAKING, *STAGES)[times.index(max(times))]
             self._late[self._longest] += 1
+
+    @property
+    def missed(self) -> int:
+        """Ticks that never began."""
+        return self._missed
+
+    def recent(self, ticks: int = RECENT) -> dict[str, float]:
+        """Median time of each stage in the newest ticks [us]; none before the first tick."""
+        count = min(self._count, ticks, len(self._marks))
+        if not count:
+            return {}
+        rows = np.arange(self._count - count, self._count) % len(self._marks)
+        medians = 1e-3 * np.median(np.diff(self._marks[rows]), axis=0)
+        return dict(zip(STAGES, medians[1:].tolist(), strict=True))
 
     @property
     def statistics(self) -> Statistics:

@@ -59,6 +59,7 @@ from pepper_driver.safety import FaultReason, RobotState
 from pepper_driver.safety.plugins import dry_run_observer, dry_run_part, dry_run_reflexes
 from pepper_driver.services import UserServices
 from pepper_driver.session import OnTick, Session
+from pepper_driver.telemetry import TelemetryServer
 
 logger = logging.getLogger("pepper_driver")
 
@@ -167,6 +168,7 @@ class Pepper(CallbackRegistry):
         self._safety_settings = safety or load_safety_settings()
         self._changes = Changes()
         self._attentive = False
+        self._telemetry: TelemetryServer | None = None
         self._parts: tuple[Task | Constraint, ...] = ()  # of the user, added before the start
         self._model: RobotModel | None = None
         self._model_lock, self._starting = threading.Lock(), threading.Lock()
@@ -240,6 +242,7 @@ class Pepper(CallbackRegistry):
                 reflexes=self.reflexes,
                 parts=self._parts,
                 log=self._log_path,
+                telemetry=self._telemetry,
                 attentive=self._attentive,
             )
         except BaseException as error:
@@ -291,6 +294,12 @@ class Pepper(CallbackRegistry):
             PepperError: The robot is not active, the file cannot be opened, or there is a log already.
         """
         return self._active().start_log(as_path("path", path), label)
+
+    def stream_to(self, telemetry: TelemetryServer) -> None:
+        """Stream every tick from now on, and every further run, to those who listen to ``telemetry``."""
+        self._telemetry = telemetry
+        if self._session is not None and self._session.active:
+            self._session.start_telemetry(telemetry)
 
     def run_metadata(self) -> dict[str, str]:
         """Return what a log says of a run that begins now: robot, observer, reflexes, settings, versions."""

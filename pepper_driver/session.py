@@ -35,6 +35,7 @@ from pepper_driver.realtime import COLLECTION_PERIOD, Pacer, realtime_process, r
 from pepper_driver.reflexes import Arbiter, Reflex
 from pepper_driver.safety import FaultError, FaultReason, SafetyGate
 from pepper_driver.safety.plugins import describe_failure
+from pepper_driver.telemetry import TelemetryServer
 
 logger = logging.getLogger("pepper_driver")
 
@@ -176,6 +177,7 @@ class Session:
         reflexes: tuple[Reflex, ...],
         parts: Iterable[Task | Constraint],
         log: Path | None,
+        telemetry: TelemetryServer | None = None,
         attentive: bool = False,
     ) -> None:
         """Take the robot over and begin to tick; what fails leaves it closed.
@@ -185,6 +187,7 @@ class Session:
             reflexes: In the order in which they are asked.
             parts: Tasks and constraints from the first tick on.
             log: File of the log, or None.
+            telemetry: Streams the run from its first tick on; or None.
             attentive: True to oscillate by a little on top of the posture.
 
         Raises:
@@ -223,6 +226,8 @@ class Session:
             )
             if self.log is not None:
                 self.loop.start_log(self.log)
+            if telemetry is not None:
+                self.start_telemetry(telemetry)
             self.loop.set_attentive(attentive)
             with self._closing:
                 if self._ending.is_set():
@@ -249,6 +254,31 @@ class Session:
         log = self._open_log(path)
         self._changes.make(lambda: self.loop.start_log(log, label))
         return log
+
+    def start_telemetry(self, telemetry: TelemetryServer) -> None:
+        """Stream every tick from the next one on; see :meth:`pepper_driver.Pepper.show`."""
+        loop = self.loop
+        controller = loop.arbiter.controller
+        telemetry.begin(
+            self._backend,
+            self._robot,
+            self._metadata(),
+            odometry=lambda: controller.odometry.pose,
+            status=self._status,
+        )
+        self._changes.make(lambda: loop.start_telemetry(telemetry))
+
+    def _status(self) -> dict[str, object]:
+        """Return what telemetry says of the run, from any thread."""
+        loop, fault = self.loop, self.gate.fault
+        return {
+            "state": self.gate.state.value,
+            "fault": "" if fault is None else f"{fault.reason.value}: {fault.text}",
+            "reflexes": [r.full_name for r in loop.arbiter.reflexes if r.active],
+            "attentive": loop.arbiter.attentive,
+            "stages": loop.times.recent(),
+            "missed": loop.times.missed,
+        }
 
     def _open_log(self, path: Path) -> LogWriter:
         lossless = not self._backend.real_time

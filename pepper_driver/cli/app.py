@@ -53,6 +53,12 @@ COMMANDS = {
         example="pepper demo --seed 3 --out runs/third",
         docs="demo.md",
     ),
+    "view": CommandEntry(
+        place="view:view",
+        summary="Show a robot or a log in the browser; pull and tap a simulated one with the mouse.",
+        example="pepper view",
+        docs="view.md",
+    ),
     "doctor": CommandEntry(
         place="doctor:doctor",
         summary="Check a robot before it moves, then with a small motion whether its models fit.",

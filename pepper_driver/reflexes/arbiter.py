@@ -81,10 +81,10 @@ class Arbiter:
     def __init__(
         self, controller: WholeBodyController, robot: RobotConfig, reflexes: Sequence[Reflex] = ()
     ) -> None:
-        self.controller, self._robot, self._reflexes = controller, robot, tuple(reflexes)
+        self.controller, self._robot, self.reflexes = controller, robot, tuple(reflexes)
         self._requests = ReflexRequests(controller, robot)
         self._no_joints: BoolArray = np.zeros(len(robot.joint_names), dtype=np.bool_)
-        for reflex in self._reflexes:
+        for reflex in self.reflexes:
             reflex.reset()
         self.target = controller.position
         self.posture_stiffness = controller.posture.stiffness
@@ -139,7 +139,7 @@ class Arbiter:
     def step(self, observation: Observation | None, measurement: Measurement) -> list[ReflexEvent]:
         """Decide for one tick and set up the controller; return the changes of the reflexes."""
         events: list[ReflexEvent] = []
-        if self._reflexes and observation is not None:
+        if self.reflexes and observation is not None:
             tasks = self._requests.tasks
             self._requests.clear()
             events = self._ask_reflexes(observation, measurement)
@@ -154,7 +154,7 @@ class Arbiter:
         self, observation: Observation, measurement: Measurement
     ) -> list[ReflexEvent]:
         requests, events = self._requests, []
-        for reflex in self._reflexes:
+        for reflex in self.reflexes:
             if isinstance(reflex, Ignore):
                 observation = _without(observation, reflex)
                 continue

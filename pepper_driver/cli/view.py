@@ -1,0 +1,119 @@
+"""``pepper view``: a robot or a log in the browser."""
+
+from __future__ import annotations
+
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pepper_driver.cli.console import ModelsOption, make_console, show_line
+from pepper_driver.config.errors import ArgumentError
+from pepper_driver.observers import observer_names
+from pepper_driver.viewer.host import NO_OBSERVER, Host, HostedRun
+from pepper_driver.viewer.view import DEFAULT_HOST, View, check_access, check_extra
+
+LOG_SUFFIX = ".mcap"
+
+HostOption = Annotated[
+    str,
+    typer.Option(
+        metavar="ADDRESS", help="Where the page is served; beyond this computer only with --token."
+    ),
+]
+PortOption = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N",
+        min=1,
+        max=65535,
+        help="Port of the page; by default the first free one from 8080.",
+        show_default=False,
+    ),
+]
+TokenOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="TEXT",
+        help="Part of the address that others must know; by default a new one.",
+        show_default=False,
+    ),
+]
+NoOpenOption = Annotated[
+    bool, typer.Option("--no-open", help="Do not open the browser; only print the address.")
+]
+AllowControlOption = Annotated[
+    bool,
+    typer.Option(
+        "--allow-control", help="Let the page move a real robot; without, it looks and stops."
+    ),
+]
+
+
+def view(
+    what: Annotated[
+        str, typer.Argument(metavar="URI|LOG", help="A robot, or a log (.mcap).")
+    ] = "mujoco",
+    observer: Annotated[
+        str, typer.Option(metavar="NAME", help=f"Observer of the robot, or '{NO_OBSERVER}'.")
+    ] = "fusion",
+    models: ModelsOption = None,
+    reflex: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KIND",
+            help="Reflex of the robot; may be given again. By default comply; 'none' for none.",
+        ),
+    ] = None,
+    log: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="MCAP log of the robot's run to write.")
+    ] = None,
+    host: HostOption = DEFAULT_HOST,
+    port: PortOption = None,
+    token: TokenOption = None,
+    no_open: NoOpenOption = False,
+    allow_control: AllowControlOption = False,
+) -> None:
+    """Show a robot or a log in the browser; a simulated robot can be pulled, tapped and driven there."""
+    console = make_console()
+    check_extra()
+    if what.endswith(LOG_SUFFIX) or Path(what).is_file():
+        if log is not None:
+            raise ArgumentError("--log is for a robot, and this is a log")
+        from pepper_driver.viewer.recorded import RecordedPage
+
+        page = RecordedPage(
+            Path(what),
+            observers=observer_names(),
+            host=host,
+            port=port,
+            token=check_access(host, token),
+        )
+        show_line(console, f"view: {page.address}  (Ctrl-C ends it)")
+        if not no_open:
+            webbrowser.open(page.address)
+        page.run()
+        return
+    kinds = ["comply"] if reflex is None else [kind for kind in reflex if kind != "none"]
+    robot_host = Host(
+        HostedRun(
+            uri=what,
+            observer=None if observer == NO_OBSERVER else observer,
+            models=models,
+            reflexes={kind: {} for kind in kinds},
+            log=log,
+        )
+    )
+    with View(
+        robot_host.pepper,
+        host=host,
+        port=port,
+        token=token,
+        open_browser=not no_open,
+        allow_control=allow_control,
+        perform=robot_host.perform,
+        choices=lambda: robot_host.choices,
+    ) as page_view:
+        show_line(console, f"view: {page_view.address}  (Ctrl-C ends it)")
+        robot_host.run(on_run=page_view.show)

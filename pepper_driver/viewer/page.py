@@ -1,0 +1,131 @@
+"""What both pages have in common: server, scene, curves, switches."""
+
+from __future__ import annotations
+
+import logging
+import socket
+from collections import deque
+from contextlib import redirect_stdout
+from io import StringIO
+
+import viser
+
+from pepper_driver.config import PepperError, RobotConfig
+from pepper_driver.config.errors import reason
+from pepper_driver.viewer.guard import guarded_server
+from pepper_driver.viewer.picture import Picture
+from pepper_driver.viewer.scene import RobotScene
+from pepper_driver.viewer.signals import AUTOMATIC, WINDOW, Curves
+
+FIRST_PORT, PORTS = 8080, 20
+"""Ports that are tried where none is given."""
+
+CAMERA, LOOK_AT, FIELD_OF_VIEW = (2.5, -1.1, 1.25), (0.0, -0.15, 0.62), 0.6
+"""[m], [m], [rad] The robot from its front, as a person sees it."""
+
+CURVE_PERIOD = 0.12
+"""[s] between two drawings of the curves."""
+
+
+class PageError(PepperError, RuntimeError):
+    """The page cannot be served; the message is one line."""
+
+
+def free_port(host: str, port: int | None) -> int:
+    """Return a port that can be served: the given one, or the first free one.
+
+    Raises:
+        PageError: It is taken, or the address is not one of this computer.
+    """
+    last: OSError | None = None
+    for number in range(FIRST_PORT, FIRST_PORT + PORTS) if port is None else (port,):
+        try:
+            with socket.create_server((host, number)) as probe:
+                return int(probe.getsockname()[1])
+        except OSError as error:
+            last = error
+    where = f"{host}:{FIRST_PORT if port is None else port}"
+    raise PageError(
+        f"the page cannot be served at {where} ({reason(last) if last else 'no port'}): choose another --port"
+    )
+
+
+class Page:
+    """A page with the robot in space, curves, and switches for what is shown.
+
+    Args:
+        robot: Description of the robot.
+        host: Where it is served.
+        port: None for the first free one.
+        token: Part of its address.
+        title: Above its panel.
+
+    Attributes:
+        server: Of viser.
+        address: Of the page.
+        scene: The robot in space.
+        status: Text at the top.
+
+    Raises:
+        PageError: The port is taken.
+    """
+
+    def __init__(
+        self, robot: RobotConfig, *, host: str, port: int | None, token: str, title: str
+    ) -> None:
+        logging.getLogger("websockets").setLevel(logging.CRITICAL)
+        port = free_port(host, port)
+        with (
+            guarded_server(token),
+            redirect_stdout(StringIO()),
+        ):  # it prints addresses without a token
+            self.server = viser.ViserServer(host=host, port=port, label=title, verbose=False)
+        if self.server.get_port() != port:
+            raise PageError(f"port {port} was taken meanwhile: choose another --port")
+        shown_host = f"[{host}]" if ":" in host else host
+        self.address = f"http://{shown_host}:{port}/{token}/"
+        self.robot = robot
+        gui = self.server.gui
+        gui.configure_theme(control_width="large", show_share_button=False, show_logo=False)
+        self.status = gui.add_markdown("waiting for the robot")
+        self.scene = RobotScene(self.server, robot)
+        self.server.initial_camera.position = CAMERA
+        self.server.initial_camera.look_at = LOOK_AT
+        self.server.initial_camera.fov = FIELD_OF_VIEW
+        self.pictures: deque[Picture] = deque(maxlen=4096)
+        self._next_curves = 0.0
+
+    def add_switches(self) -> None:
+        """Add the switches for what is shown."""
+        gui, scene = self.server.gui, self.scene
+        ghost = gui.add_checkbox("Commanded posture (ghost)", initial_value=True)
+        names = gui.add_checkbox("Frames and names", initial_value=False)
+
+        @ghost.on_update
+        def _(_: object) -> None:
+            scene.ghost.root.visible = ghost.value
+
+        @names.on_update
+        def _(_: object) -> None:
+            scene.show_names(names.value)
+
+    def add_curves(self) -> None:
+        """Add the curves."""
+        self.curves = Curves(self.server, self.robot, AUTOMATIC)
+
+    def remember(self, picture: Picture) -> None:
+        """Keep a picture for the curves; one that is earlier than the last begins anew."""
+        if self.pictures and picture.time < self.pictures[-1].time:
+            self.pictures.clear()
+            self.scene.clear()
+        self.pictures.append(picture)
+        while self.pictures[0].time < picture.time - WINDOW:
+            self.pictures.popleft()
+
+    def draw_curves(self, moment: Picture, now: float) -> bool:
+        """Draw the curves at a moment; return False where the last time was only just before."""
+        if now < self._next_curves:
+            return False
+        self._next_curves = now + CURVE_PERIOD
+        self.curves.update(list(self.pictures), moment)
+        return True

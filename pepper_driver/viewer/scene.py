@@ -1,0 +1,361 @@
+"""The robot in the scene: its visual geometry, posture, ghost, path, contacts, forces and names."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import viser
+import viser.transforms as vtf
+
+from pepper_driver.config import RobotConfig
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.visuals import Visual, load_visuals
+from pepper_driver.controller.model import RobotModel
+from pepper_driver.observer import Contact
+from pepper_driver.viewer.picture import Force, Picture
+
+GHOST_OPACITY = 0.18
+GHOST_COLOR = (60, 120, 220)
+GLOW = np.array([255.0, 90.0, 0.0])
+"""Colour of a limb whose residual is at twice its threshold."""
+GLOW_LEVELS = 8
+FORCE_COLOR, TOUCH_COLOR, STD_COLOR = (30, 130, 60), (220, 40, 40), (240, 170, 170)
+FORCE_LENGTH = 0.01
+"""[m] of an arrow per newton."""
+PATH_STEP = 0.02
+"""[m] between two points of the path of the base."""
+PATH_POINTS = 1000
+PATH_COLOR = (90, 90, 160)
+RAY_STEPS, RAY_TOLERANCE = 200, 1e-4
+"""Steps along a ray at most, and the distance [m] at which it has met a part."""
+MIN_LEVER = 0.05
+"""[m] A torque is shown as the force at the link's centre with this lever at least."""
+
+Handle = Any
+"""A handle of viser's scene."""
+
+
+def as_wxyz(rotation: FloatArray) -> FloatArray:
+    """Return the quaternion of a rotation matrix."""
+    return np.asarray(vtf.SO3.from_matrix(rotation).wxyz, dtype=np.float64)
+
+
+def rotation_of_tilt(tilt: FloatArray) -> FloatArray:
+    """Return the rotation matrix of pitch and roll of the base [rad], in this order."""
+    turn = vtf.SO3.from_y_radians(float(tilt[0])) @ vtf.SO3.from_x_radians(float(tilt[1]))
+    return np.asarray(turn.as_matrix(), dtype=np.float64)
+
+
+def signed_distance(visual: Visual, point: FloatArray) -> float:
+    """Return the distance of a point (3,) in the visual's frame from its surface [m], below 0 inside."""
+    if visual.shape == "sphere":
+        return float(np.linalg.norm(point) - visual.size[0])
+    if visual.shape == "box":
+        out = np.abs(point) - 0.5 * np.array(visual.size)
+    else:
+        radius, length = visual.size
+        out = np.array([np.hypot(point[0], point[1]) - radius, abs(point[2]) - 0.5 * length])
+    return float(np.linalg.norm(np.maximum(out, 0.0)) + min(float(out.max()), 0.0))
+
+
+class RobotTree:
+    """One drawing of the robot: a node for each joint, below its parent's, with the visuals of its link.
+
+    Args:
+        server: Of the page.
+        model: Kinematics; shared, for its structure alone.
+        visuals: Of all links.
+        name: Of the root node.
+        ghost: Draw it translucent, in one colour.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        model: RobotModel,
+        visuals: Iterable[Visual],
+        name: str,
+        *,
+        ghost: bool = False,
+    ) -> None:
+        self._model = model
+        self.root = server.scene.add_frame(name, show_axes=False)
+        tree = model.pin
+        paths = {1: name}  # the planar joint of the base
+        self._joints: dict[int, Handle] = {}
+        for joint in range(2, tree.njoints):
+            paths[joint] = f"{paths[tree.parents[joint]]}/{tree.names[joint]}"
+            self._joints[joint] = server.scene.add_frame(paths[joint], show_axes=False)
+        self.parts: dict[str, list[tuple[Handle, FloatArray]]] = {}
+        self.visuals: list[tuple[Visual, Handle]] = []
+        for number, visual in enumerate(visuals):
+            frame = tree.frames[tree.getFrameId(visual.link)]
+            place = frame.placement.homogeneous @ visual.transform_visual_to_link
+            handle = _add_shape(
+                server,
+                f"{paths[frame.parentJoint]}/{visual.link}_{number}",
+                visual,
+                place,
+                ghost=ghost,
+            )
+            color = 255.0 * np.array(visual.rgba[:3])
+            self.parts.setdefault(visual.link, []).append((handle, color))
+            self.visuals.append((visual, handle))
+        self._levels = dict.fromkeys(self.parts, 0)
+
+    def update(self, q: FloatArray, tilt: FloatArray) -> None:
+        """Show a configuration of the model, with pitch and roll of the base."""
+        data = self._model.data
+        pin.forwardKinematics(self._model.pin, data, q)
+        base = data.oMi[1]
+        self.root.position = base.translation
+        self.root.wxyz = as_wxyz(base.rotation @ rotation_of_tilt(tilt))
+        for joint, handle in self._joints.items():
+            relative = data.liMi[joint]
+            handle.wxyz = as_wxyz(relative.rotation)
+            handle.position = relative.translation
+
+    def glow(self, link: str, level: int) -> None:
+        """Colour a link by how far its residual is above the threshold, 0 to ``GLOW_LEVELS``."""
+        if self._levels.get(link, level) == level:
+            return
+        self._levels[link] = level
+        share = level / GLOW_LEVELS
+        for handle, color in self.parts[link]:
+            mixed = (1.0 - share) * color + share * GLOW
+            handle.color = tuple(int(value) for value in mixed)
+
+
+def _add_shape(
+    server: viser.ViserServer, name: str, visual: Visual, place: FloatArray, *, ghost: bool
+) -> Handle:
+    color = GHOST_COLOR if ghost else tuple(int(255 * value) for value in visual.rgba[:3])
+    opacity = GHOST_OPACITY if ghost else (visual.rgba[3] if visual.rgba[3] < 1.0 else None)
+    common: dict[str, Any] = {
+        "color": color,
+        "opacity": opacity,
+        "position": place[:3, 3],
+        "wxyz": as_wxyz(place[:3, :3]),
+        "cast_shadow": not ghost,
+    }
+    scene = server.scene
+    if visual.shape == "box":
+        return scene.add_box(name, dimensions=visual.size, **common)
+    if visual.shape == "cylinder":
+        radius, length = visual.size
+        return scene.add_cylinder(name, radius=radius, height=length, **common)
+    return scene.add_icosphere(name, radius=visual.size[0], subdivisions=3, **common)
+
+
+class RobotScene:
+    """All that the page shows in space.
+
+    Args:
+        server: Of the page.
+        robot: Description of the robot.
+
+    Attributes:
+        body: The robot as measured.
+        ghost: The robot as commanded.
+        names: Labels of the links, hidden at first.
+    """
+
+    def __init__(self, server: viser.ViserServer, robot: RobotConfig) -> None:
+        self._server, self._robot = server, robot
+        self._model = RobotModel(robot)
+        visuals = load_visuals(robot)
+        server.scene.set_up_direction("+z")
+        server.scene.add_grid(
+            "/floor", width=20.0, height=20.0, cell_size=0.25, section_size=1.0, infinite_grid=True
+        )
+        self.body = RobotTree(server, self._model, visuals, "/robot")
+        self.ghost = RobotTree(server, self._model, visuals, "/commanded", ghost=True)
+        self.names: list[Handle] = []
+        self._posing, self._tilt = threading.Lock(), np.zeros(2)
+        self._centres = {
+            link: np.mean(
+                [v.transform_visual_to_link[:3, 3] for v, _ in self.body.visuals if v.link == link],
+                axis=0,
+            )
+            for link in self.body.parts
+        }
+        self._path: list[FloatArray] = []
+        self._path_handle: Handle | None = None
+        self._arrows: dict[str, Handle] = {}
+
+    def on_part(self, attach: Callable[[Visual, Handle], None]) -> None:
+        """Call a function with each part that can be taken with the mouse, and its handle."""
+        for visual, handle in self.body.visuals:
+            attach(visual, handle)
+
+    def link_pose(self, link: str) -> FloatArray:
+        """(4, 4) transform of a link to the world, as it is shown. Any thread may call."""
+        tree, data = self._model.pin, self._model.data
+        frame = tree.frames[tree.getFrameId(link)]
+        with self._posing:
+            base, joint = data.oMi[1].homogeneous, data.oMi[frame.parentJoint].homogeneous
+            tilt = self._tilt
+        turn = np.eye(4)
+        turn[:3, :3] = rotation_of_tilt(tilt)
+        pose: FloatArray = base @ turn @ np.linalg.inv(base) @ joint @ frame.placement.homogeneous
+        return pose
+
+    def in_link(self, link: str, point: FloatArray) -> FloatArray:
+        """Return a point (3,) of the world in a link's frame [m]."""
+        pose = self.link_pose(link)
+        inside: FloatArray = pose[:3, :3].T @ (point - pose[:3, 3])
+        return inside
+
+    def hit(
+        self, visual: Visual, origin: FloatArray, direction: FloatArray
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Return where a ray of the world meets a part, and its direction, both in the link's frame; None if it misses.
+
+        Args:
+            visual: The part.
+            origin: (3,) of the ray [m].
+            direction: (3,) unit vector.
+        """
+        pose = self.link_pose(visual.link)
+        to_link = pose[:3, :3].T
+        start, along = to_link @ (origin - pose[:3, 3]), to_link @ direction
+        to_visual = np.linalg.inv(visual.transform_visual_to_link)
+        way = 0.0
+        for _ in range(RAY_STEPS):
+            point = start + way * along
+            distance = signed_distance(visual, to_visual[:3, :3] @ point + to_visual[:3, 3])
+            if distance < RAY_TOLERANCE:
+                return point, along
+            way += distance
+        return None
+
+    def show(self, picture: Picture, contacts: Iterable[Contact], *, path: bool = True) -> None:
+        """Show a moment.
+
+        Args:
+            picture: State of the robot.
+            contacts: That are felt at this moment.
+            path: Go on with the path of the base.
+        """
+        model = self._model
+        with self._server.atomic():
+            if self.ghost.root.visible:
+                self.ghost.update(
+                    self._configuration(picture.commanded, picture.base), picture.tilt
+                )
+            with self._posing:
+                self._tilt = picture.tilt
+                self.body.update(self._configuration(picture.position, picture.base), picture.tilt)
+            self._glow(picture)
+            if path:
+                self._draw_path(picture.base)
+            arrows = {f"force {i}": _force_arrow(f) for i, f in enumerate(picture.forces)}
+            for contact in contacts:
+                arrows |= self._touch_arrows(contact, model)
+            self._draw_arrows(arrows)
+
+    def clear(self) -> None:
+        """Forget the path."""
+        self._path.clear()
+        if self._path_handle is not None:
+            self._path_handle.remove()
+            self._path_handle = None
+
+    def show_names(self, visible: bool) -> None:
+        """Show or hide frames and names of links."""
+        for handle in self.names:
+            handle.remove()
+        self.names = []
+        if not visible:
+            return
+        tree = self._model.pin
+        for link in self.body.parts:
+            frame = tree.frames[tree.getFrameId(link)]
+            path = self._joint_path(frame.parentJoint)
+            placement = frame.placement
+            axes = self._server.scene.add_frame(
+                f"{path}/{link}_axes",
+                axes_length=0.08,
+                axes_radius=0.003,
+                position=placement.translation,
+                wxyz=as_wxyz(placement.rotation),
+            )
+            label = self._server.scene.add_label(f"{path}/{link}_axes/name", link)
+            self.names += [label, axes]
+
+    def _joint_path(self, joint: int) -> str:
+        tree = self._model.pin
+        if joint <= 1:
+            return "/robot"
+        return f"{self._joint_path(tree.parents[joint])}/{tree.names[joint]}"
+
+    def _configuration(self, position: FloatArray, base: FloatArray) -> FloatArray:
+        model = self._model
+        q = model.with_joint_position(pin.neutral(model.pin), np.nan_to_num(position))
+        return model.with_base_pose(q, np.nan_to_num(base))
+
+    def _glow(self, picture: Picture) -> None:
+        levels = np.clip(GLOW_LEVELS * (picture.excess - 1.0), 0, GLOW_LEVELS)
+        for joint, level in zip(self._robot.joints, levels.tolist(), strict=True):
+            self.body.glow(joint.child, round(level))
+
+    def _draw_path(self, base: FloatArray) -> None:
+        point = np.array([base[0], base[1], 0.003])
+        if self._path and np.linalg.norm(point - self._path[-1]) < PATH_STEP:
+            return
+        self._path = [*self._path[-PATH_POINTS:], point]
+        if len(self._path) > 1:
+            points = np.stack([self._path[:-1], self._path[1:]], axis=1)
+            self._path_handle = self._server.scene.add_line_segments(
+                "/path", points=points, colors=PATH_COLOR, thickness=3.0, thickness_units="screen"
+            )
+
+    def _touch_arrows(self, contact: Contact, model: RobotModel) -> dict[str, Any]:
+        """Return arrows at the touched link: the force that gives the felt torque, and one deviation more."""
+        tree = model.pin
+        pose = self.link_pose(contact.link)
+        centre = pose[:3, 3] + pose[:3, :3] @ self._centres.get(contact.link, np.zeros(3))
+        if contact.joint is None or contact.torque is None:
+            up = np.array([0.0, 0.0, 0.15])
+            return {f"touch {contact.id}": (centre + up, centre, TOUCH_COLOR)}
+        joint = tree.getJointId(contact.joint)
+        axis_in_joint = self._robot.joints[self._robot.joint_index(contact.joint)].axis
+        axis = model.data.oMi[joint].rotation @ np.array(axis_in_joint)
+        lever = centre - model.data.oMi[joint].translation
+        across = np.cross(axis, lever)
+        distance = max(float(np.linalg.norm(across)), MIN_LEVER)
+        direction = across / max(float(np.linalg.norm(across)), 1e-9)
+        size = contact.torque / distance
+        tip = centre + FORCE_LENGTH * size * direction
+        arrows = {f"touch {contact.id}": (centre, tip, TOUCH_COLOR)}
+        if contact.torque_std is not None:
+            std = np.sign(size) * contact.torque_std / distance
+            end = tip + FORCE_LENGTH * std * direction
+            arrows[f"touch {contact.id} std"] = (tip, end, STD_COLOR)
+        return arrows
+
+    def _draw_arrows(self, arrows: dict[str, Any]) -> None:
+        for name in self._arrows.keys() - arrows.keys():
+            self._arrows.pop(name).remove()
+        for name, (start, end, color) in arrows.items():
+            points = np.array([[start, end]])
+            handle = self._arrows.get(name)
+            if handle is None:
+                self._arrows[name] = self._server.scene.add_arrows(
+                    f"/arrows/{name.replace(' ', '_')}",
+                    points,
+                    color,
+                    shaft_radius=0.008,
+                    head_radius=0.02,
+                    head_length=0.04,
+                )
+            else:
+                handle.points = points
+
+
+def _force_arrow(force: Force) -> tuple[FloatArray, FloatArray, tuple[int, int, int]]:
+    return force.point - FORCE_LENGTH * force.force, force.point, FORCE_COLOR

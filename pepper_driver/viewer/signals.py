@@ -1,0 +1,168 @@
+"""Signals of the page: residual with its threshold, torque with its deviation, times of stages, what happened."""
+
+from __future__ import annotations
+
+import html
+from collections import deque
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import viser
+from viser import uplot
+
+from pepper_driver.config import RobotConfig
+from pepper_driver.log import LogEvent
+from pepper_driver.observer import Contact
+from pepper_driver.viewer.picture import Picture
+
+WINDOW = 10.0
+"""[s] that the curves go back."""
+
+MAX_POINTS = 400
+"""Points of a curve."""
+
+SHOWN_LINES = 12
+"""Lines of the list of what happened."""
+
+AUTOMATIC = "most touched"
+"""In place of a joint: the one whose residual is nearest to its threshold, or beyond."""
+
+HOLD_CHOICE = 2.0
+"""[s] for which the automatic choice stays on a joint."""
+
+
+class Curves:
+    """Curves of one joint: residual with threshold above, torque with deviation below.
+
+    Args:
+        server: Of the page.
+        robot: Names the joints.
+        start: Name of the joint at first, or ``AUTOMATIC``.
+    """
+
+    def __init__(self, server: viser.ViserServer, robot: RobotConfig, start: str) -> None:
+        self._names = robot.joint_names
+        self.choice = server.gui.add_dropdown(
+            "Joint", (AUTOMATIC, *self._names), initial_value=start
+        )
+        self._joint, self._since = 0, -np.inf
+        empty = np.zeros(1)
+        axes = (uplot.Axis(label="time [s]"),)
+        self._residual = server.gui.add_uplot(
+            (empty, empty, empty, empty),
+            (
+                uplot.Series(label="time [s]"),
+                uplot.Series(label="residual [deg]", stroke="#d62728", width=2),
+                uplot.Series(label="threshold [deg]", stroke="#777777", dash=(6.0, 4.0)),
+                uplot.Series(label="- threshold [deg]", stroke="#777777", dash=(6.0, 4.0)),
+            ),
+            scales={"x": uplot.Scale(time=False)},
+            axes=(*axes, uplot.Axis(label="residual [deg]")),
+            title="Residual: tracking error beyond what free motion shows",
+            height=180,
+        )
+        self._torque = server.gui.add_uplot(
+            (empty, empty, empty, empty),
+            (
+                uplot.Series(label="time [s]"),
+                uplot.Series(label="torque [N m]", stroke="#1f77b4", width=2),
+                uplot.Series(label="+ one deviation", stroke="#9ecae1"),
+                uplot.Series(label="- one deviation", stroke="#9ecae1"),
+            ),
+            scales={"x": uplot.Scale(time=False)},
+            axes=(*axes, uplot.Axis(label="torque [N m]")),
+            title="Torque of the touch, as estimated",
+            height=180,
+        )
+
+    def update(self, pictures: Sequence[Picture], moment: Picture) -> None:
+        """Show some pictures, of a joint that is chosen at a moment."""
+        joint = self._chosen(moment)
+        step = -(-len(pictures) // MAX_POINTS)
+        shown = pictures[::step]
+        time = np.array([p.time for p in shown])
+        residual = np.degrees([p.residual[joint] for p in shown])
+        threshold = np.degrees([p.threshold[joint] for p in shown])
+        torque = np.array([p.torque[joint] for p in shown])
+        std = np.array([p.torque_std[joint] for p in shown])
+        name = self._names[joint]
+        self._residual.title = f"{name}: residual, beyond what free motion shows"
+        self._residual.data = (time, residual, threshold, -threshold)
+        self._torque.title = f"{name}: torque of the touch, as estimated"
+        self._torque.data = (time, torque, torque + std, torque - std)
+
+    def _chosen(self, picture: Picture) -> int:
+        if self.choice.value != AUTOMATIC:
+            return self._names.index(self.choice.value)
+        if not self._since <= picture.time < self._since + HOLD_CHOICE:
+            share = picture.excess
+            best = int(share.argmax())
+            if share[best] >= 1.0 or share[self._joint] < 0.5:
+                self._joint, self._since = best, picture.time
+        return self._joint
+
+
+class Happenings:
+    """List of contacts and events, the newest first.
+
+    Args:
+        server: Of the page.
+        title: Above it.
+    """
+
+    def __init__(self, server: viser.ViserServer, title: str) -> None:
+        self._title = title
+        self._lines: deque[str] = deque(maxlen=SHOWN_LINES)
+        self._html = server.gui.add_html("")
+        self._draw()
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._lines.clear()
+        self._draw()
+
+    def add(self, item: Contact | LogEvent) -> None:
+        """Add a line."""
+        if isinstance(item, Contact) and item.phase == "update":
+            return
+        self._lines.appendleft(describe(item))
+        self._draw()
+
+    def show(self, items: Sequence[Contact | LogEvent]) -> None:
+        """Show these, of which the last comes first."""
+        self._lines.clear()
+        for item in items:
+            if not (isinstance(item, Contact) and item.phase == "update"):
+                self._lines.appendleft(describe(item))
+        self._draw()
+
+    def _draw(self) -> None:
+        lines = (
+            "".join(f"<div>{html.escape(line)}</div>" for line in self._lines) or "<div>none</div>"
+        )
+        self._html.content = (
+            f'<div style="font-size:0.8em;line-height:1.45;padding:0 1em 0.5em">'
+            f"<b>{html.escape(self._title)}</b>{lines}</div>"
+        )
+
+
+def describe(item: Contact | LogEvent) -> str:
+    """Return one line about a contact or event."""
+    if isinstance(item, LogEvent):
+        words = [item.kind, item.name, item.phase or "", item.text]
+        return f"{item.time:7.2f} s  {' '.join(word for word in words if word)}"
+    if item.phase == "end":
+        return f"{item.time:7.2f} s  {item.kind} on {item.limb} over"
+    torque = "" if item.torque is None else f", {abs(item.torque):.1f} N m"
+    if item.torque is not None and item.torque_std is not None:
+        torque += f" ± {item.torque_std:.1f}"
+    return f"{item.time:7.2f} s  {item.kind} on {item.limb}: {item.link} ({item.joint or 'base'}){torque}"
+
+
+def stage_text(stages: Mapping[str, float]) -> str:
+    """Return the times of the stages as one line."""
+    if not stages:
+        return ""
+    own = sum(us for stage, us in stages.items() if stage not in ("read", "write"))
+    parts = ", ".join(f"{stage} {us:.0f}" for stage, us in stages.items())
+    return f"tick without the robot {own:.0f} us: {parts}"

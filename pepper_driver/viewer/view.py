@@ -1,0 +1,232 @@
+"""The page of a running robot: a process of its own, and the stream that feeds it."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import subprocess
+import sys
+import threading
+import webbrowser
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from importlib.util import find_spec
+from types import TracebackType
+from typing import IO, Any, Self
+
+from pepper_driver.config import MissingExtraError, PepperError
+from pepper_driver.robot import Pepper
+from pepper_driver.telemetry import TelemetryServer
+from pepper_driver.viewer.controls import Controls
+
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+DEFAULT_HOST = "127.0.0.1"
+
+START_TIME = 30.0
+"""[s] in which the page must be there."""
+
+STOP_TIME = 3.0
+"""[s] for the page to end by itself."""
+
+MIN_TOKEN = 8
+"""Letters of a token that others than this computer must know."""
+
+
+class ViewError(PepperError, RuntimeError):
+    """The page cannot be shown; the message is one line."""
+
+
+def check_access(host: str, token: str | None) -> str:
+    """Return the token of a page, a new one where none is given.
+
+    Raises:
+        ViewError: Others than this computer could reach the page, and no token was chosen for them, or a short one.
+    """
+    if token is None:
+        if host not in LOOPBACK:
+            raise ViewError(
+                f"--host {host}: others than this computer could reach the page; choose a --token that they must know"
+            )
+        return secrets.token_urlsafe(6)
+    if len(token) < MIN_TOKEN or not all(c.isalnum() or c in "-_" for c in token):
+        raise ViewError(f"a token has {MIN_TOKEN} letters, digits, '-' or '_' or more")
+    return token
+
+
+def check_extra() -> None:
+    """Raise a MissingExtraError where the page cannot be shown."""
+    if find_spec("viser") is None:
+        raise MissingExtraError("the view", "viewer")
+
+
+class View:
+    """A page in the browser that shows a robot, as long as it is open.
+
+    It runs in a process of its own, with the least priority, and gets what it shows as a stream: a page that hangs or
+    ends changes nothing for the robot.
+
+    Args:
+        pepper: The robot; before its start, or while it is active.
+        host: Where the page is served. Others than this computer need a token.
+        port: Of the page; None for 8080, or the next free one.
+        token: Part of the address; None for a new one.
+        open_browser: Open it in the browser of this computer.
+        allow_control: On a real robot, take requests to move it.
+        perform: Plays and restarts, see :class:`Controls`.
+        choices: What ``perform`` can do, for the page to show.
+
+    Attributes:
+        address: Of the page.
+
+    Raises:
+        MissingExtraError: Viser is not installed.
+        ViewError: The page cannot be shown: the port is taken, or a token is missing.
+    """
+
+    def __init__(
+        self,
+        pepper: Pepper,
+        *,
+        host: str = DEFAULT_HOST,
+        port: int | None = None,
+        token: str | None = None,
+        open_browser: bool = True,
+        allow_control: bool = False,
+        perform: Callable[[str, Mapping[str, Any]], None] | None = None,
+        choices: Callable[[], Mapping[str, object]] = dict,
+    ) -> None:
+        check_extra()
+        token = check_access(host, token)
+        self._allow_control, self._perform, self._choices = allow_control, perform, choices
+        self._controls = self._make_controls(pepper)
+        self._telemetry = TelemetryServer(
+            lambda listener, request: self._controls(listener, request),
+            on_leave=lambda listener: self._controls.leave(listener),
+            can=lambda: self._controls.can,
+        )
+        try:
+            self._process = PageProcess(
+                {
+                    "telemetry": [*self._telemetry.address, self._telemetry.token],
+                    "host": host,
+                    "port": port,
+                    "token": token,
+                }
+            )
+        except BaseException:
+            self._telemetry.close()
+            raise
+        self.address = self._process.address
+        self.show(pepper)
+        if open_browser:
+            webbrowser.open(self.address)
+
+    def show(self, pepper: Pepper) -> None:
+        """Show another robot on the same page, from its start on; or one that is active."""
+        self._controls = self._make_controls(pepper)
+        pepper.stream_to(self._telemetry)
+
+    def _make_controls(self, pepper: Pepper) -> Controls:
+        return Controls(
+            pepper,
+            allow_control=self._allow_control,
+            perform=self._perform,
+            choices=self._choices,
+        )
+
+    @property
+    def is_open(self) -> bool:
+        """True until the page has ended."""
+        return self._process.running
+
+    def close(self) -> None:
+        """End the page. Does nothing when closed."""
+        self._telemetry.close()
+        self._process.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _repr_html_(self) -> str:
+        """Return the page as a part of a notebook."""
+        return f'<iframe src="{self.address}" width="100%" height="600" style="border:0"></iframe>'
+
+
+class PageProcess:
+    """The process that serves the page; it ends with the one that started it.
+
+    Args:
+        settings: For :mod:`pepper_driver.viewer.process`.
+
+    Attributes:
+        address: Of the page.
+
+    Raises:
+        ViewError: It does not begin; the message says why.
+    """
+
+    def __init__(self, settings: Mapping[str, object]) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "pepper_driver.viewer.process"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,  # Ctrl-C is for the robot's program, which ends this one
+        )
+        answer: dict[str, str] = {}
+        try:
+            self._stdin.write(json.dumps(settings) + "\n")
+            self._stdin.flush()
+            answer = self._read_answer()
+        except (OSError, ValueError):  # it ended
+            pass
+        finally:
+            if "address" not in answer:
+                self.close()
+        if "address" not in answer:
+            raise ViewError(answer.get("error", "the page does not begin"))
+        self.address = answer["address"]
+
+    def _read_answer(self) -> dict[str, str]:
+        """Return the first line that the process prints."""
+        stdout = self._process.stdout
+        assert stdout is not None
+        timer = threading.Timer(START_TIME, self._process.kill)
+        timer.daemon = True
+        timer.start()
+        try:
+            line = stdout.readline()
+        finally:
+            timer.cancel()
+        answer: dict[str, str] = json.loads(line)
+        return answer
+
+    @property
+    def _stdin(self) -> IO[str]:
+        assert self._process.stdin is not None
+        return self._process.stdin
+
+    @property
+    def running(self) -> bool:
+        """True until the process has ended."""
+        return self._process.poll() is None
+
+    def close(self) -> None:
+        """End the process."""
+        with suppress(OSError):
+            self._stdin.close()  # tells it to end
+        try:
+            self._process.wait(STOP_TIME)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
