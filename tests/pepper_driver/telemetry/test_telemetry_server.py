@@ -50,7 +50,7 @@ def of(messages: list[Message], kind: Kind) -> list[Message]:
     return [message for message in messages if message.kind is kind]
 
 
-def wait_for(what: Any) -> None:  # noqa: ANN401
+def wait_for(what: Any) -> None:
     end = time.monotonic() + LONG
     while not what():
         assert time.monotonic() < end
@@ -67,19 +67,19 @@ def test_a_listener_receives_rows_poses_and_contacts_as_they_are(server: Telemet
         kind = row_type(fields_of(about["layout"])[TICK_TOPIC])
         assert about["run"]["backend"] == "mujoco"
         pepper.set_posture({"LShoulderPitch": 0.6, "LElbowRoll": -0.9}, duration=2.0)
-        pepper.push("LForeArm", [0.0, 0.0, -30.0], delay=0.5)
 
         def note(tick: Tick, _: object) -> None:
             measured[tick.measurement.time] = tick
             bases[tick.measurement.time] = pepper.backend.truth.base
 
+        pepper.run(3.0, on_tick=note)
+        pepper.grab("LForeArm", [0.0, 0.15, 0.05], hold=1.0)
         for _ in range(40):  # as slow as a thread that sends needs
             pepper.run(0.048, on_tick=note)
             time.sleep(0.015)
         server.end()
         messages = receive_until(client, Kind.STATUS, 2)
         history = pepper.contact_history
-        base = pepper.backend.truth.base
     rows = [np.frombuffer(m.data, kind, offset=len(CDR_HEADER))[0] for m in of(messages, Kind.TICK)]
     assert len(rows) > 10
     for row in rows:
@@ -93,7 +93,7 @@ def test_a_listener_receives_rows_poses_and_contacts_as_they_are(server: Telemet
         assert pose["base"] == bases[float(row["time"])].tolist()
     pushed = [force for pose in poses for force in pose["forces"]]
     assert {force["link"] for force in pushed} == {"LForeArm"}
-    assert max(np.linalg.norm(force["force"]) for force in pushed) == pytest.approx(30.0, rel=0.05)
+    assert max(np.linalg.norm(force["force"]) for force in pushed) > 10.0
     contacts = tuple(CONTACTS.decode(m.data) for m in of(messages, Kind.CONTACT))
     assert contacts
     assert contacts == tuple(history)
