@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from pepper_driver.backends.fields import Command, Measurement
 from pepper_driver.backends.robot_services import RobotServices
-from pepper_driver.backends.simulated import Grab, Push, SimulatedPlant, Truth
+from pepper_driver.backends.simulated import Grab, Hand, Push, SimulatedPlant, Truth
 from pepper_driver.config import PepperError, RobotIdentity
 from pepper_driver.config.arguments import real_array
 from pepper_driver.config.arrays import FloatArray
@@ -355,6 +355,31 @@ class Backend(ABC):
 
     def schedule_grab(self, grab: Grab) -> None:
         """Take in a hand that was asked for, as :meth:`schedule_push` a push."""
+        raise CapabilityError(f"'{self.uri}' cannot grab itself: only simulated backends do")
+
+    def take_hand(
+        self,
+        link: str,
+        point: ArrayLike | None = None,
+        *,
+        stiffness: float = Grab.stiffness,
+        max_force: float = Grab.max_force,
+    ) -> Hand:
+        """Take a link of a simulated robot in a springy hand now, to be moved later; see :class:`Hand`.
+
+        Args:
+            link: Name of the link.
+            point: (3,) where it holds, in the link's frame [m]; by default the link's centre of mass.
+            stiffness: Of the hand, 500 to 3000 [N/m].
+            max_force: What the hand can do [N]; beyond that it slips along.
+
+        Raises:
+            CapabilityError: A real robot must be taken by hand.
+            UnknownNameError: No such link.
+            NotConnectedError: Not open.
+            CommandError: A number that is not finite or out of range, another hand on this link, or a point too light
+                for a hand this stiff.
+        """
         raise CapabilityError(f"'{self.uri}' cannot grab itself: only simulated backends do")
 
     @cached_property

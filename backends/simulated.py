@@ -49,6 +49,48 @@ class Grab:
     delay: float = 0.0
 
 
+class Hand(ABC):
+    """Springy hand of a person on a link of a simulated robot, moved as one likes. Any thread may call."""
+
+    @abstractmethod
+    def move(self, position: ArrayLike, *, max_force: float | None = None) -> None:
+        """Set where the hand is to go; it follows at 1 m/s and 10 m/s2 at most.
+
+        It must be told again within half a second, even to stay where it is: a hand that no one moves lets go.
+
+        Args:
+            position: (3,) in the world [m].
+            max_force: What the hand can do from now on [N], beyond that it slips along; None leaves it.
+
+        Raises:
+            CommandError: Not finite numbers, or a force that is not above 0.
+        """
+
+    @abstractmethod
+    def release(self) -> None:
+        """Let go: the force fades within a tenth of a second."""
+
+    @property
+    @abstractmethod
+    def holds(self) -> bool:
+        """True until it has let go."""
+
+    @property
+    @abstractmethod
+    def force(self) -> FloatArray:
+        """(3,) force on the robot in the last step of physics, in the world [N]."""
+
+    @property
+    @abstractmethod
+    def point(self) -> FloatArray:
+        """(3,) where it holds the link, in the world [m]."""
+
+    @property
+    @abstractmethod
+    def position(self) -> FloatArray:
+        """(3,) of the hand itself, in the world [m]."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SimulatedPlant:
     """The robot that a simulation simulates: what pushes are planned with, and nothing of what happens to it.

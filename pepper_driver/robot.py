@@ -10,9 +10,11 @@ from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from functools import wraps
 from pathlib import Path
-from typing import Literal, ParamSpec, Self, Unpack
+from typing import TYPE_CHECKING, Literal, ParamSpec, Self, Unpack
 
-from pepper_driver.backends import Backend, BackendError, Measurement, make_backend
+from numpy.typing import ArrayLike
+
+from pepper_driver.backends import Backend, BackendError, Grab, Measurement, make_backend
 from pepper_driver.callbacks.callback_registry import CallbackRegistry
 from pepper_driver.callbacks.dispatcher import CallbackStatistics
 from pepper_driver.callbacks.events import ProgramEvent
@@ -59,7 +61,11 @@ from pepper_driver.safety import FaultReason, RobotState
 from pepper_driver.safety.plugins import dry_run_observer, dry_run_part, dry_run_reflexes
 from pepper_driver.services import UserServices
 from pepper_driver.session import OnTick, Session
+from pepper_driver.steady_hand import SteadyHand
 from pepper_driver.telemetry import TelemetryServer
+
+if TYPE_CHECKING:
+    from pepper_driver.viewer.view import View
 
 logger = logging.getLogger("pepper_driver")
 
@@ -169,6 +175,7 @@ class Pepper(CallbackRegistry):
         self._changes = Changes()
         self._attentive = False
         self._telemetry: TelemetryServer | None = None
+        self._view: View | None = None
         self._parts: tuple[Task | Constraint, ...] = ()  # of the user, added before the start
         self._model: RobotModel | None = None
         self._model_lock, self._starting = threading.Lock(), threading.Lock()
@@ -295,11 +302,67 @@ class Pepper(CallbackRegistry):
         """
         return self._active().start_log(as_path("path", path), label)
 
+    @checked_arguments
+    def take_hand(
+        self,
+        link: str,
+        point: ArrayLike | None = None,
+        *,
+        stiffness: float = Grab.stiffness,
+        max_force: float = Grab.max_force,
+    ) -> SteadyHand:
+        """Take a link of a simulated robot in a springy hand, to be moved as one likes; it never tips the robot.
+
+        >>> hand = pepper.take_hand("LForeArm")
+        >>> hand.move(hand.point + [0.0, 0.1, 0.0])
+
+        Args:
+            link: Name of the link.
+            point: (3,) where it holds, in the link's frame [m]; by default the link's centre of mass.
+            stiffness: Of the hand, 500 to 3000 [N/m].
+            max_force: What the hand can do [N].
+
+        Returns:
+            The hand. It lets go when it is not moved for half a second of the robot's time.
+
+        Raises:
+            CapabilityError: A real robot must be taken by hand.
+            PepperError: The robot is not active, there is no such link, or it cannot be taken there.
+        """
+        self._active()
+        hand = self.backend.take_hand(link, point, stiffness=stiffness, max_force=max_force)
+        return SteadyHand(hand, self.backend, self.config, max_force=max_force)
+
     def stream_to(self, telemetry: TelemetryServer) -> None:
         """Stream every tick from now on, and every further run, to those who listen to ``telemetry``."""
         self._telemetry = telemetry
         if self._session is not None and self._session.active:
             self._session.start_telemetry(telemetry)
+
+    def show(
+        self, *, port: int | None = None, open_browser: bool = False, allow_control: bool = False
+    ) -> View:
+        """Show the robot on a page in the browser; a notebook shows the page itself.
+
+        Args:
+            port: Of the page; None for the first free one from 8080.
+            open_browser: Open it in the browser of this computer.
+            allow_control: On a real robot, let the page move it; without, it looks and stops.
+
+        Returns:
+            The page, with its address; that of an earlier call while it is open.
+
+        Raises:
+            MissingExtraError: The extra ``viewer`` is not installed.
+            ViewError: The page cannot be served.
+        """
+        from pepper_driver.viewer.view import View
+
+        if self._view is None or not self._view.is_open:
+            self._view = View(
+                self, port=port, open_browser=open_browser, allow_control=allow_control
+            )
+        return self._view
 
     def run_metadata(self) -> dict[str, str]:
         """Return what a log says of a run that begins now: robot, observer, reflexes, settings, versions."""

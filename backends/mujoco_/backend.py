@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pepper_driver.backends.fields import Command, Measurement
 from pepper_driver.backends.interface import (
@@ -23,10 +24,18 @@ from pepper_driver.backends.interface import (
     checked_command,
     serial,
 )
+from pepper_driver.backends.mujoco_.pushes import LIVE_RELEASE
 from pepper_driver.backends.mujoco_.sensors import CommandDelayLine
 from pepper_driver.backends.mujoco_.simulation import MujocoTruth, Readings, Simulation
 from pepper_driver.backends.selection import BackendUri
-from pepper_driver.backends.simulated import Grab, Push, Resumable, SimulatedPlant, Truth
+from pepper_driver.backends.simulated import (
+    Grab,
+    Hand,
+    Push,
+    Resumable,
+    SimulatedPlant,
+    Truth,
+)
 from pepper_driver.config import (
     ConfigError,
     PlantConfig,
@@ -360,6 +369,27 @@ class MujocoBackend(Serial, Backend):
         """Grab a link by a hand that acts as a spring."""
         self._check_open()
         self._simulation.contacts.grabs.add(grab)
+
+    @serial
+    def take_hand(
+        self,
+        link: str,
+        point: ArrayLike | None = None,
+        *,
+        stiffness: float = Grab.stiffness,
+        max_force: float = Grab.max_force,
+    ) -> Hand:
+        """Take a link in a hand that is moved later."""
+        self._check_open()
+        grab = Grab(
+            link=link,
+            pull=np.zeros(3),
+            point=point,
+            stiffness=stiffness,
+            max_force=max_force,
+            release=LIVE_RELEASE,
+        )
+        return self._simulation.contacts.grabs.take(grab, self._lock)
 
     def _check_open(self) -> None:
         if self._state == "closed":

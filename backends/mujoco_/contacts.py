@@ -12,6 +12,7 @@ from pepper_driver.backends.mujoco_.objects import Throws, body_name, check_clea
 from pepper_driver.backends.mujoco_.plant_model import PlantModel
 from pepper_driver.backends.mujoco_.pushes import GrabForces, Pushes
 from pepper_driver.backends.mujoco_.sensors import TouchSensors
+from pepper_driver.backends.mujoco_.wheels import WheelDynamics
 from pepper_driver.backends.simulated import Resumable, TrueContact
 from pepper_driver.config import RobotConfig, World
 from pepper_driver.config.arrays import FloatArray
@@ -76,13 +77,18 @@ class Contacts(Resumable):
     """
 
     def __init__(
-        self, robot: RobotConfig, model: PlantModel, data: mujoco.MjData, world: World | None = None
+        self,
+        robot: RobotConfig,
+        model: PlantModel,
+        data: mujoco.MjData,
+        wheels: WheelDynamics,
+        world: World | None = None,
     ) -> None:
         self._mj, self._data, self._cycle = model.mj, data, robot.cycle
         self._steps = round(robot.cycle / model.mj.opt.timestep)
         self._joint_torque = data.qfrc_applied
         self.touch = TouchSensors(robot, model, data)
-        self.pushes, self.grabs = Pushes(model, data), GrabForces(model, data)
+        self.pushes, self.grabs = Pushes(model, data), GrabForces(model, data, wheels)
         self._accumulator = ContactAccumulator(model, data, self.touch, self._steps)
         self._world = world if world is not None and world.objects else None
         self._collisions: Collisions | None = None

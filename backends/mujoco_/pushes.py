@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
-from pepper_driver.backends.interface import CommandError
+from pepper_driver.backends.interface import CommandError, finite_numbers
 from pepper_driver.backends.motion_profile import minimum_jerk, minimum_jerk_slope
 from pepper_driver.backends.mujoco_.contact_accumulator import ContactAccumulator
 from pepper_driver.backends.mujoco_.plant_model import PlantModel
+from pepper_driver.backends.mujoco_.wheels import WheelDynamics
 from pepper_driver.backends.pushes import ScheduledPush, check_grab
-from pepper_driver.backends.simulated import Grab, Push, Resumable
+from pepper_driver.backends.simulated import Grab, Hand, Push, Resumable
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.kernels import Matrix, Out, kernel
 
@@ -111,6 +115,23 @@ HAND_MASS = 0.4
 CLOSING = 0.1
 """[s] in which a hand closes: its damping grows from none, so that it takes a moving link without a jolt."""
 
+HAND_SPEED, HAND_ACCELERATION = 1.0, 10.0
+"""[m/s], [m/s2] of a hand that a person moves without a plan, at most: a jump of the goal is no blow."""
+
+SETTLING = 0.1
+"""[s] with which such a hand comes near its goal."""
+
+SILENCE = 0.5
+"""[s] of the robot's time after which a hand lets go that no one moves. A simulation that is paced has the wall's time;
+in one that is not, nothing moves while the program does something else, and the hand waits as well."""
+
+FIRM_LOAD, NO_LOAD = 0.4, 0.1
+"""Load of the wheel that carries least, over an even share: from the first down such a hand gets weaker, and at the
+second it gives no force any more. People let go of a robot that tips."""
+
+LIVE_RELEASE = 0.1
+"""[s] in which the force of such a hand fades."""
+
 _LARGEST_DAMPING, _LARGEST_STIFFNESS = 0.4, 0.5
 """Largest damping h D / m and stiffness h^2 K / m on a point of mass m. A step is stable while 2 h D + h^2 K < 4 m; the
 rest is kept for links that get lighter at that point as they move."""
@@ -163,6 +184,154 @@ class _Grip:
     pull: FloatArray | None = None
     stiffness: float = 0.0
     damping: float = 0.0
+
+    @property
+    def end(self) -> float:
+        """Time at which the hand has released the link [s]."""
+        return self.hand.end
+
+    @property
+    def max_force(self) -> float:
+        """Largest force that the hand may give [N]."""
+        return self.hand.max_force
+
+    def ended(self, now: float) -> bool:
+        """Return True once the hand has released the link."""
+        return now - self.hand.start - self.hand.rise - self.hand.hold >= self.hand.release
+
+    def begin_cycle(self, now: float, end: float, least_load: float) -> None:
+        """Nothing: its motion was planned when it was asked for."""
+
+    def motion(self, now: float) -> tuple[float, float, float]:
+        """Return the fraction of the pull that is gone at ``now`` [s], its rate [1/s], and that of the force left."""
+        hand, since = self.hand, now - self.hand.start
+        gone = since - hand.rise - hand.hold
+        share = 0.5 + 0.5 * math.cos(math.pi * gone / hand.release) if gone > 0.0 else 1.0
+        if since < hand.rise:
+            t = since / hand.rise
+            return minimum_jerk(t), minimum_jerk_slope(t) / hand.rise, share
+        return 1.0, 0.0, share
+
+
+class _LiveGrip(_Grip):
+    """Hand of a person who has no plan: it follows a goal, and fades when it is let go, or when no one moves it."""
+
+    __slots__ = (
+        "_begin",
+        "_care",
+        "_length",
+        "force",
+        "goal",
+        "limit",
+        "moved",
+        "released",
+        "velocity",
+        "where",
+    )
+
+    def __init__(self, hand: ScheduledGrab) -> None:
+        super().__init__(hand)
+        self.goal: FloatArray | None = None
+        self.limit = hand.max_force
+        self.moved = hand.start
+        self.released: float | None = None
+        self.force, self.where, self.velocity = np.zeros(3), np.zeros(3), np.zeros(3)
+        self._begin, self._length, self._care = 0.0, 1.0, 1.0
+
+    @property
+    def end(self) -> float:
+        """Time at which the hand has released the link [s]; without end while it is moved."""
+        return math.inf if self.released is None else self.released + self.hand.release
+
+    @property
+    def max_force(self) -> float:
+        """Largest force that the hand may give [N]."""
+        return self._care * self.limit
+
+    def ended(self, now: float) -> bool:
+        """Return True once the hand has released the link."""
+        return now >= self.end
+
+    def begin_cycle(self, now: float, end: float, least_load: float) -> None:
+        """Go on towards the goal as a hand can, from ``now`` to ``end`` [s], weaker where a wheel is about to lift."""
+        self._care = min(max((least_load - NO_LOAD) / (FIRM_LOAD - NO_LOAD), 0.0), 1.0)
+        if self.released is None and now - self.moved > SILENCE:
+            self.released = now
+        if self.anchor is None or self.pull is None:
+            return
+        self._begin, self._length = now, end - now
+        self.anchor = self.anchor + self.pull
+        way = (self.anchor if self.goal is None else self.goal) - self.anchor
+        # Slower near the goal, so that it does not stop with a jerk.
+        wanted = _bounded(way / SETTLING, HAND_SPEED)
+        self.velocity = self.velocity + _bounded(
+            wanted - self.velocity, HAND_ACCELERATION * self._length
+        )
+        self.pull = self.velocity * self._length
+
+    def motion(self, now: float) -> tuple[float, float, float]:
+        """Return the fraction of this cycle's way that is gone, its rate [1/s], and the fraction of the force left."""
+        share = 1.0
+        if self.released is not None:
+            gone = min(max(now - self.released, 0.0) / self.hand.release, 1.0)
+            share = 0.5 + 0.5 * math.cos(math.pi * gone)
+        return (now - self._begin) / self._length, 1.0 / self._length, share
+
+
+def _bounded(vector: FloatArray, size: float) -> FloatArray:
+    """Return a vector, shortened to a size."""
+    length = float(np.linalg.norm(vector))
+    return vector if length <= size else vector * (size / length)
+
+
+class LiveHand(Hand):
+    """A hand on the simulated robot."""
+
+    def __init__(
+        self, forces: GrabForces, grip: _LiveGrip, lock: AbstractContextManager[object]
+    ) -> None:
+        self._forces, self._grip, self._lock = forces, grip, lock
+
+    def move(self, position: ArrayLike, *, max_force: float | None = None) -> None:
+        """Set where the hand is to go, and what it can do."""
+        goal = finite_numbers("hand: position", position, 3).copy()
+        with self._lock:
+            if max_force is not None:
+                if not max_force > 0.0:
+                    raise CommandError(f"hand: max_force must be above 0 N, got {max_force:g}")
+                self._grip.limit = float(max_force)
+            self._grip.goal, self._grip.moved = goal, self._forces.time
+
+    def release(self) -> None:
+        """Let go."""
+        with self._lock:
+            if self._grip.released is None:
+                self._grip.released = self._forces.time
+
+    @property
+    def holds(self) -> bool:
+        """True until it has let go."""
+        with self._lock:
+            return self._forces.has(self._grip)
+
+    @property
+    def force(self) -> FloatArray:
+        """(3,) force on the robot in the last step of physics, in the world [N]."""
+        with self._lock:
+            return self._grip.force.copy() if self._forces.has(self._grip) else np.zeros(3)
+
+    @property
+    def point(self) -> FloatArray:
+        """(3,) where it holds the link, in the world [m]."""
+        with self._lock:
+            return self._grip.where.copy()
+
+    @property
+    def position(self) -> FloatArray:
+        """(3,) of the hand itself, in the world [m]."""
+        with self._lock:
+            anchor = self._grip.anchor
+            return self._grip.where.copy() if anchor is None else anchor.copy()
 
 
 @kernel
@@ -244,8 +413,9 @@ class GrabForces(Resumable):
 
     STATE = ("_pending",)
 
-    def __init__(self, model: PlantModel, data: mujoco.MjData) -> None:
+    def __init__(self, model: PlantModel, data: mujoco.MjData, wheels: WheelDynamics) -> None:
         self._mj, self._data, self._bodies = model.mj, data, model.bodies
+        self._wheels = wheels
         self._centres = centres_of_mass(model)
         root = model.mj.body_rootid
         self._motion = {
@@ -264,6 +434,16 @@ class GrabForces(Resumable):
 
     def add(self, grab: Grab) -> None:
         """Schedule a hand; raises as :meth:`Backend.grab` says."""
+        self._pending.append(_Grip(hand=self._schedule(grab)))
+
+    def take(self, grab: Grab, lock: AbstractContextManager[object]) -> LiveHand:
+        """Close a hand that is moved later; raises as :meth:`Backend.take_hand` says."""
+        grip = _LiveGrip(self._schedule(grab, live=True))
+        self._pending.append(grip)
+        return LiveHand(self, grip, lock)
+
+    def _schedule(self, grab: Grab, *, live: bool = False) -> ScheduledGrab:
+        """Check a hand, and date it."""
         check_grab(grab, self._centres)
         point = self._centres[grab.link] if grab.point is None else grab.point
         hand = ScheduledGrab(
@@ -280,8 +460,9 @@ class GrabForces(Resumable):
             body=self._bodies[grab.link],
             start=self._data.time + grab.delay,
         )
-        holds = [(g.hand.link, g.hand.start, g.hand.end) for g in self._pending]
-        clash = first_overlap([*holds, (hand.link, hand.start, hand.end)])
+        holds = [(g.hand.link, g.hand.start, g.end) for g in self._pending]
+        end = math.inf if live else hand.end
+        clash = first_overlap([*holds, (hand.link, hand.start, end)])
         if clash is not None:
             raise CommandError(
                 f"grab: a hand already holds {hand.link} at {clash[1]:.3f} s: "
@@ -294,7 +475,21 @@ class GrabForces(Resumable):
                 f"grab: {hand.link} is too light at ({x:g}, {y:g}, {z:g}) for a hand of {hand.stiffness:g} N/m "
                 f"(at most {stiffest:.0f}): take a point nearer to the link, or a softer hand"
             )
-        self._pending.append(_Grip(hand=hand))
+        return hand
+
+    @property
+    def time(self) -> float:
+        """Clock of the simulation [s]."""
+        return float(self._data.time)
+
+    def has(self, grip: _Grip) -> bool:
+        """Return True while a hand holds on, or is still to come."""
+        return any(one is grip and not one.ended(self.time) for one in self._pending)
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Return to a state of :meth:`save`, without the hands that a person moved then: no one moves them now."""
+        super().restore(saved)
+        self._pending = [grip for grip in self._pending if not isinstance(grip, _LiveGrip)]
 
     def clear(self) -> None:
         """Forget all hands."""
@@ -305,8 +500,10 @@ class GrabForces(Resumable):
         if not self._pending:
             self._due.clear()
             return False
-        self._pending = [grip for grip in self._pending if grip.hand.end > now]
+        self._pending = [grip for grip in self._pending if grip.end > now]
         self._due = [grip for grip in self._pending if grip.hand.start < end]
+        for grip in self._due:
+            grip.begin_cycle(now, end, self._wheels.least_load)
         return bool(self._due)
 
     def apply(self, accumulator: ContactAccumulator, joint_torque: FloatArray) -> None:
@@ -315,8 +512,7 @@ class GrabForces(Resumable):
         for grip in self._due:
             hand = grip.hand
             since = now - hand.start
-            gone = since - hand.rise - hand.hold
-            if since < 0.0 or gone >= hand.release:
+            if since < 0.0 or grip.ended(now):
                 continue
             entry = accumulator.entry(grip, "hand", hand.body)
             where, force = accumulator.place(entry)
@@ -327,12 +523,7 @@ class GrabForces(Resumable):
             damping = grip.damping
             if since < CLOSING:
                 damping *= since / CLOSING
-            way, rate, share = 1.0, 0.0, 1.0
-            if since < hand.rise:
-                t = since / hand.rise
-                way, rate = minimum_jerk(t), minimum_jerk_slope(t) / hand.rise
-            if gone > 0.0:
-                share = 0.5 + 0.5 * math.cos(math.pi * gone / hand.release)
+            way, rate, share = grip.motion(now)
             size = self._pull(
                 where,
                 velocity,
@@ -342,10 +533,12 @@ class GrabForces(Resumable):
                 rate,
                 grip.stiffness,
                 damping,
-                hand.max_force,
+                grip.max_force,
                 share,
                 force,
             )
+            if isinstance(grip, _LiveGrip):
+                grip.force, grip.where = force.copy(), where.copy()
             joint_torque += accumulator.put(entry, size)
 
     def _close(self, grip: _Grip, where: FloatArray) -> FloatArray:

@@ -168,7 +168,7 @@ class Simulation(Resumable):
         self.boards = MotorBoards(robot, plant)
         self.wheels = WheelDynamics(robot, plant, mj, self.data)
         self.supply = Supply(robot, plant)
-        self.contacts = Contacts(robot, self.model, self.data, world)
+        self.contacts = Contacts(robot, self.model, self.data, self.wheels, world)
         self._friction = JointFriction(robot, plant, self.model, self.data)
         self._steps = round(robot.cycle / plant.physics.timestep)
         limit = plant.board.speed_limit

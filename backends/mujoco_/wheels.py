@@ -181,6 +181,11 @@ class WheelDynamics(Resumable):
         load: FloatArray = self.wheels["load"].copy()
         return load
 
+    @property
+    def least_load(self) -> float:
+        """Load of the wheel that carries least, over what it carries where all carry the same; 1 on a fixed base."""
+        return float(self.wheels["load"].min()) / self._even_load if self.rolling else 1.0
+
     def reset(self) -> None:
         """No integral; the wheels carry the robot evenly."""
         self._begin(np.zeros(len(self.wheels)))

@@ -27,12 +27,18 @@ from pepper_driver.realtime import Statistics
 
 if TYPE_CHECKING:
     from pepper_driver.config.workers import Workers
+    from pepper_driver.robot import Pepper
 
 LINE_INTERVAL = 2.0
 """[s] between two lines of a progress."""
 
 RealTimeOption = Annotated[
     bool, typer.Option("--real-time", help="Pace a simulation to the wall clock.")
+]
+
+ViewOption = Annotated[
+    bool,
+    typer.Option("--view", help="Show the robot in the browser, a simulated one in real time."),
 ]
 
 ModelsOption = Annotated[
@@ -179,6 +185,20 @@ def show_line(console: Console, line: str) -> None:
 def show_timing(console: Console, statistics: Statistics) -> None:
     """Say at the end of a run in real time whether ticks were missed; where some were, show what took how long."""
     console.print(str(statistics) if statistics.missed else statistics.summary)
+
+
+@contextmanager
+def shown_in_browser(console: Console, pepper: Pepper) -> Iterator[None]:
+    """Show a robot in the browser as long as the block is open; print the address.
+
+    Raises:
+        PepperError: The page cannot be served.
+    """
+    from pepper_driver.viewer.view import View  # brings more than most commands need
+
+    with View(pepper) as view:
+        show_line(console, f"view: {view.address}")
+        yield
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated
@@ -15,12 +16,14 @@ from pepper_driver.cli.console import (
     JsonOption,
     ModelsOption,
     RealTimeOption,
+    ViewOption,
     check_outputs,
     make_console,
     make_progress,
     save_json,
     show_line,
     show_timing,
+    shown_in_browser,
 )
 from pepper_driver.cli.identify import identify_with_progress, print_fits
 from pepper_driver.config import MissingExtraError, load_experiment, load_robot
@@ -72,6 +75,7 @@ def demo(
         bool, typer.Option("--show", help="Show the robot in a window, in real time.")
     ] = False,
     real_time: RealTimeOption = False,
+    view: ViewOption = False,
     json_file: JsonOption = None,
 ) -> None:
     """Move a simulated Pepper's arms, push them, and print each contact that is detected."""
@@ -104,13 +108,14 @@ def demo(
                 models=models,
                 show=show,
                 real_time=real_time,
+                view=partial(shown_in_browser, console) if view else None,
                 on_contact=lambda contact, pushes: show_line(
                     console, describe_contact(contact, pushes)
                 ),
                 on_progress=lambda done: progress.update(bar, completed=done),
             )
         _table(result_demo, console)
-        if real_time or show:
+        if real_time or show or view:
             show_timing(console, result_demo.timing)
         console.print(f"results in {out}: {LOG_NAME}, {CONTACTS_NAME}")
         save_json(json_file, result_demo.summary, console)

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from pepper_driver.cli.console import JsonOption, check_outputs, make_console, save_json
 from pepper_driver.cli.log import LogArgument
+from pepper_driver.cli.view import show_log
 from pepper_driver.log import LogEvent
 from pepper_driver.observer import Contact
 from pepper_driver.reflexes import Reflex
@@ -45,6 +46,10 @@ def replay_command(
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="MCAP log of the replay to write.")
     ] = None,
+    view: Annotated[
+        bool,
+        typer.Option("--view", help="Then show both in the browser, over a time line."),
+    ] = False,
     json_file: JsonOption = None,
 ) -> int:
     """Run observer and reflexes on a recording; code 1 if they do not decide the same, bit for bit."""
@@ -59,6 +64,8 @@ def replay_command(
     if out is not None:
         console.print(f"log: {out}")
     save_json(json_file, result.as_json(), console)
+    if view:
+        show_log(console, log, found=[contact for _, contact in found.contacts])
     return 0 if result.identical else 1
 
 

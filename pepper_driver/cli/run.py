@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,11 +17,13 @@ from pepper_driver.cli.console import (
     JsonOption,
     ModelsOption,
     RealTimeOption,
+    ViewOption,
     check_outputs,
     make_console,
     save_json,
     show_line,
     show_timing,
+    shown_in_browser,
 )
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.steps import AnyStep, BranchStep, PlayStep, RepeatStep, Step
@@ -119,6 +122,7 @@ def run_command(
         bool, typer.Option("--dry-run", help="Check everything and print the plan; move nothing.")
     ] = False,
     real_time: RealTimeOption = False,
+    view: ViewOption = False,
     json_file: JsonOption = None,
 ) -> int:
     """Play an experiment or a motion; code 1 if it stopped early or a step gave up reaching its targets.
@@ -130,7 +134,7 @@ def run_command(
         file,
         backend,
         log=None if dry_run else log,
-        real_time=real_time,
+        real_time=real_time or view,
         seed=seed,
         models=models,
         contacts=not no_contacts,
@@ -143,7 +147,8 @@ def run_command(
         save_json(json_file, plan_json(run), console)
         return 0
     print_events(console, run)
-    with StopKey(run.pepper.emergency_stop) as key:
+    page = shown_in_browser(console, run.pepper) if view else nullcontext()
+    with page, StopKey(run.pepper.emergency_stop) as key:
         if key.listening:
             console.print(key.HELP)
         try:

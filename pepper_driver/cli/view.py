@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import webbrowser
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
 from pepper_driver.cli.console import ModelsOption, make_console, show_line
 from pepper_driver.config.errors import ArgumentError
-from pepper_driver.observers import observer_names
+from pepper_driver.observer import Contact
 from pepper_driver.viewer.host import NO_OBSERVER, Host, HostedRun
 from pepper_driver.viewer.view import DEFAULT_HOST, View, check_access, check_extra
 
@@ -81,19 +83,7 @@ def view(
     if what.endswith(LOG_SUFFIX) or Path(what).is_file():
         if log is not None:
             raise ArgumentError("--log is for a robot, and this is a log")
-        from pepper_driver.viewer.recorded import RecordedPage
-
-        page = RecordedPage(
-            Path(what),
-            observers=observer_names(),
-            host=host,
-            port=port,
-            token=check_access(host, token),
-        )
-        show_line(console, f"view: {page.address}  (Ctrl-C ends it)")
-        if not no_open:
-            webbrowser.open(page.address)
-        page.run()
+        show_log(console, Path(what), host=host, port=port, token=token, open_browser=not no_open)
         return
     kinds = ["comply"] if reflex is None else [kind for kind in reflex if kind != "none"]
     robot_host = Host(
@@ -117,3 +107,37 @@ def view(
     ) as page_view:
         show_line(console, f"view: {page_view.address}  (Ctrl-C ends it)")
         robot_host.run(on_run=page_view.show)
+
+
+def show_log(
+    console: Console,
+    path: Path,
+    *,
+    found: Sequence[Contact] = (),
+    host: str = DEFAULT_HOST,
+    port: int | None = None,
+    token: str | None = None,
+    open_browser: bool = True,
+) -> None:
+    """Show a log in the browser until Ctrl-C.
+
+    Args:
+        console: Where the address is printed.
+        path: The log.
+        found: Contacts of a replay, to be shown beside those recorded.
+        host: Where the page is served.
+        port: Of the page; None for the first free one.
+        token: Part of the address; None for a new one.
+        open_browser: Open it in the browser of this computer.
+
+    Raises:
+        PepperError: The log cannot be read, or the page not be served.
+    """
+    check_extra()
+    from pepper_driver.viewer.recorded import RecordedPage
+
+    page = RecordedPage(path, found=found, host=host, port=port, token=check_access(host, token))
+    show_line(console, f"view: {page.address}  (Ctrl-C ends it)")
+    if open_browser:
+        webbrowser.open(page.address)
+    page.run()

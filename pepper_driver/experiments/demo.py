@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -118,6 +119,7 @@ def run_demo(
     models: Path | None = None,
     show: bool = False,
     real_time: bool = False,
+    view: Callable[[Pepper], AbstractContextManager[object]] | None = None,
     on_contact: Callable[[Contact, tuple[KnownPush, ...]], None] | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> DemoResult:
@@ -131,6 +133,7 @@ def run_demo(
         models: Model file of the observer; None for the shipped one.
         show: Show the robot in a window, in real time.
         real_time: Pace the simulation to the wall clock without a window too.
+        view: Shows the robot, in real time, as long as the block is open that it makes.
         on_contact: Called with each contact, as it is SETTLING_TIME after its detection or at its earlier end, and with
             the pushes so far; on the callback thread.
         on_progress: Called with the fraction done, 0..1.
@@ -147,7 +150,7 @@ def run_demo(
         models=models,
         log=out / LOG_NAME,
         reflexes=[Hold()],
-        real_time=show or real_time,
+        real_time=show or real_time or view is not None,
         robot=robot,
     )
     plan = plan_experiment(chosen, robot, pepper.backend, seed=[seed, 1])
@@ -190,7 +193,7 @@ def run_demo(
 
     start = end = report = None
     try:
-        with pepper:
+        with nullcontext() if view is None else view(pepper), pepper:
             # Of an earlier run: they would not fit the new log.
             for name in (CONTACTS_NAME, FIGURE_NAME):
                 (out / name).unlink(missing_ok=True)

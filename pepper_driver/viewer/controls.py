@@ -5,12 +5,43 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from pepper_driver.backends import CapabilityError
+from pepper_driver.config import RobotConfig, UnknownNameError
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.robot import Pepper
+from pepper_driver.steady_hand import SteadyHand
 from pepper_driver.telemetry.server import Request
+
+GRIP_RADIUS = 0.06
+"""[m] A hand closes around what is thinner."""
+
+PRESSURE = 3.0
+"""Force on a sensor that is pressed, over the least that it answers to."""
 
 TAP_RISE = 0.02
 """[s] in which the force of a tap rises."""
+
+
+def gripped_point(robot: RobotConfig, link: str, point: ArrayLike) -> FloatArray:
+    """Return where a hand holds that closes around a link: on the axis of its joint, where that is near.
+
+    Held at its surface, a thin link would be twisted with every pull.
+
+    Args:
+        robot: Its description.
+        link: Name of the link.
+        point: (3,) of its surface, in its frame [m].
+    """
+    place = np.asarray(point, dtype=np.float64)
+    for joint in robot.joints:
+        if joint.child == link:
+            on_axis: FloatArray = (place @ joint.axis) * np.array(joint.axis)
+            if np.linalg.norm(place - on_axis) <= GRIP_RADIUS:
+                return on_axis
+    return place
 
 
 class Controls:
@@ -38,10 +69,10 @@ class Controls:
         self._simulated = not pepper.backend.real_time
         self._controllable = allow_control or not pepper.backend.real_time
         self._choices = choices
-        self._hands: dict[tuple[int, str], Any] = {}
+        self._hands: dict[tuple[int, str], SteadyHand] = {}
 
     @property
-    def can(self) -> dict[str, object]:
+    def can(self) -> dict[str, Any]:
         """What the page may offer: ``touch``, ``control``, names of postures and sensors, and the choices."""
         robot = self._pepper.config
         return {
@@ -85,14 +116,15 @@ class Controls:
 
     def _take(self, listener: int, link: str, point: list[float], stiffness: float) -> None:
         self._release(listener, link)
-        self._hands[listener, link] = self._pepper.take_hand(link, point, stiffness=stiffness)
+        held = gripped_point(self._pepper.config, link, point)
+        self._hands[listener, link] = self._pepper.take_hand(link, held, stiffness=stiffness)
 
     def _move(self, listener: int, link: str, to: list[float]) -> dict[str, object] | None:
         hand = self._hands.get((listener, link))
         if hand is None:
             return None
         hand.move(to)
-        return {"force": float(hand.force_size), "limited": bool(hand.limited)}
+        return {"limited": hand.limited, "max_force": hand.max_force}
 
     def _release(self, listener: int, link: str) -> None:
         hand = self._hands.pop((listener, link), None)
@@ -100,7 +132,16 @@ class Controls:
             hand.release()
 
     def _press(self, listener: int, sensor: str, duration: float) -> None:
-        self._pepper.press(sensor, duration)
+        """Press a sensor as a finger does: with twice the force that it needs, inwards."""
+        sensors = self._pepper.config.sensors
+        place = {**sensors.touch, **sensors.bumpers, **sensors.buttons}.get(sensor)
+        if place is None:
+            raise UnknownNameError("sensor", sensor, self.can["sensors"])
+        inwards = -np.array(place.xyz) / np.linalg.norm(place.xyz)
+        force = PRESSURE * place.threshold * inwards
+        self._pepper.push(
+            place.parent, force, place.xyz, duration=duration, frame="link", rise=TAP_RISE
+        )
 
     def _drive(self, listener: int, vx: float, vy: float, wz: float) -> None:
         self._pepper.drive(vx, vy, wz)

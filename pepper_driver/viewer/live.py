@@ -161,7 +161,8 @@ class LivePage(Page):
     def _show_status(self, status: Mapping[str, Any]) -> None:
         state = str(status["state"])
         if status["fault"]:
-            state = f"stopped: {status['fault']}"
+            state = f"**stopped:** {status['fault']}"
+        self._again.visible = bool(status["fault"]) and "current" in self._can
         reflexes = ", ".join(status["reflexes"]) or "none"
         felt = ", ".join(sorted({c.limb for c in self._contacts.values()})) or "nothing"
         run = self._run
@@ -190,6 +191,8 @@ class LivePage(Page):
         gui = self.server.gui
         self._stop = gui.add_button("STOP  (key X)", color="red", disabled=True)
         self._stop.on_click(lambda _: self._request("stop"))
+        self._again = gui.add_button("Start again", color="blue", visible=False)
+        self._again.on_click(lambda _: self._request("restart", **self._can["current"]))
         key = gui.add_command("Stop the robot", hotkey="X")
         key.on_trigger(lambda _: self._request("stop"))
 

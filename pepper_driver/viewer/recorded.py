@@ -17,6 +17,7 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.log import LogEvent, RunLog
 from pepper_driver.log.reader import read_log
 from pepper_driver.observer import Contact
+from pepper_driver.observers import observer_names
 from pepper_driver.viewer.page import Page
 from pepper_driver.viewer.picture import Picture, picture_of
 from pepper_driver.viewer.signals import SHOWN_LINES, WINDOW, Happenings
@@ -58,7 +59,7 @@ class RecordedPage(Page):
 
     Args:
         path: The log.
-        observers: Names of those that can be asked what they feel.
+        found: Contacts of a replay.
         host, port, token: As for :class:`Page`.
 
     Raises:
@@ -69,7 +70,7 @@ class RecordedPage(Page):
         self,
         path: Path,
         *,
-        observers: Sequence[str],
+        found: Sequence[Contact] = (),
         host: str,
         port: int | None,
         token: str,
@@ -99,7 +100,7 @@ class RecordedPage(Page):
         with tabs.add_tab("Contacts"):
             self._recorded = Happenings(self.server, "Recorded")
             self._found = Happenings(self.server, "Recomputed")
-            self._chosen = gui.add_dropdown("Observer", (RECOMPUTE, *observers))
+            self._chosen = gui.add_dropdown("Observer", (RECOMPUTE, *observer_names()))
             self._recompute = gui.add_button("Recompute")
             self._recompute.on_click(lambda _: self._start_replay())
         with tabs.add_tab("Show"):
@@ -108,7 +109,7 @@ class RecordedPage(Page):
             [*log.contacts, *log.events], key=lambda item: item.time
         )
         self._happened_times = [item.time for item in self._happened]
-        self._again: list[Contact] = []
+        self._again = list(found)
         self._drawn: float | None = None
         self._shown: Picture | None = None  # its curves are to be drawn
         about = log.metadata

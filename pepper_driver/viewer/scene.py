@@ -18,7 +18,8 @@ from pepper_driver.controller.model import RobotModel
 from pepper_driver.observer import Contact
 from pepper_driver.viewer.picture import Force, Picture
 
-GHOST_OPACITY = 0.18
+GHOST_OPACITY, GHOST_SCALE = 0.25, 0.96
+"""A little smaller than the robot: it is seen only where the robot is not."""
 GHOST_COLOR = (60, 120, 220)
 GLOW = np.array([255.0, 90.0, 0.0])
 """Colour of a limb whose residual is at twice its threshold."""
@@ -141,6 +142,7 @@ def _add_shape(
         "position": place[:3, 3],
         "wxyz": as_wxyz(place[:3, :3]),
         "cast_shadow": not ghost,
+        "scale": GHOST_SCALE if ghost else 1.0,
     }
     scene = server.scene
     if visual.shape == "box":

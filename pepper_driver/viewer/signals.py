@@ -45,6 +45,7 @@ class Curves:
         self.choice = server.gui.add_dropdown(
             "Joint", (AUTOMATIC, *self._names), initial_value=start
         )
+        self._name, self._named = server.gui.add_markdown(""), ""
         self._joint, self._since = 0, -np.inf
         empty = np.zeros(1)
         axes = (uplot.Axis(label="time [s]"),)
@@ -58,7 +59,7 @@ class Curves:
             ),
             scales={"x": uplot.Scale(time=False)},
             axes=(*axes, uplot.Axis(label="residual [deg]")),
-            title="Residual: tracking error beyond what free motion shows",
+            title="Residual: error beyond that of free motion",
             height=180,
         )
         self._torque = server.gui.add_uplot(
@@ -71,7 +72,7 @@ class Curves:
             ),
             scales={"x": uplot.Scale(time=False)},
             axes=(*axes, uplot.Axis(label="torque [N m]")),
-            title="Torque of the touch, as estimated",
+            title="External torque, as estimated",
             height=180,
         )
 
@@ -86,9 +87,10 @@ class Curves:
         torque = np.array([p.torque[joint] for p in shown])
         std = np.array([p.torque_std[joint] for p in shown])
         name = self._names[joint]
-        self._residual.title = f"{name}: residual, beyond what free motion shows"
+        if name != self._named:  # not as titles: a chart with a new title begins anew
+            self._named = name
+            self._name.content = f"**{name}**"
         self._residual.data = (time, residual, threshold, -threshold)
-        self._torque.title = f"{name}: torque of the touch, as estimated"
         self._torque.data = (time, torque, torque + std, torque - std)
 
     def _chosen(self, picture: Picture) -> int:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from pepper_driver.telemetry.protocol import (
     MAX_MESSAGE,
     Kind,
+    Message,
     MessageBuffer,
     TelemetryError,
     pack,
@@ -23,7 +24,8 @@ def test_messages_are_whole_whatever_pieces_they_come_in(
     messages: list[tuple[Kind, bytes]], sizes: list[int]
 ) -> None:
     data = b"".join(pack(*message) for message in messages)
-    buffer, found = MessageBuffer(), []
+    buffer = MessageBuffer()
+    found: list[Message] = []
     while data:
         size = sizes[len(found) % len(sizes)]
         piece, data = data[:size], data[size:]
