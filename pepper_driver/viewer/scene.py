@@ -146,7 +146,7 @@ def _add_shape(
     }
     scene = server.scene
     if visual.shape == "box":
-        return scene.add_box(name, dimensions=visual.size, **common)
+        return scene.add_box(name, dimensions=np.array(visual.size), **common)
     if visual.shape == "cylinder":
         radius, length = visual.size
         return scene.add_cylinder(name, radius=radius, height=length, **common)

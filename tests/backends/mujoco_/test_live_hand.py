@@ -34,12 +34,10 @@ def backend() -> Iterator[MujocoBackend]:
     backend.close()
 
 
-def run(backend: MujocoBackend, seconds: float, hand: Hand | None = None, goal: Any = None) -> None:  # noqa: ANN401
+def run(backend: MujocoBackend, seconds: float, hand: Hand | None = None, goal: Any = None) -> None:
     """Stand still for a time, with a hand that is moved in every tick."""
     command = backend._written
-    hold = Command(
-        position=command.position, stiffness=command.stiffness, wheel_speed=np.zeros(3)
-    )
+    hold = Command(position=command.position, stiffness=command.stiffness, wheel_speed=np.zeros(3))
     for _ in range(round(seconds / CYCLE)):
         if hand is not None:
             hand.move(goal)
@@ -50,7 +48,7 @@ def test_its_force_is_that_of_its_spring(backend: MujocoBackend) -> None:
     hand = backend.take_hand("torso", [0.1, 0.0, 0.2], stiffness=1000.0)
     run(backend, CYCLE)
     assert np.linalg.norm(hand.force) < 0.5, "nothing yet"
-    goal = hand.point + [0.02, 0.0, 0.0]
+    goal = hand.point + np.array([0.02, 0.0, 0.0])
     run(backend, 2.0, hand, goal)
     assert hand.position == pytest.approx(goal, abs=1e-4)
     assert hand.force == pytest.approx(1000.0 * (goal - hand.point), abs=0.2)
@@ -64,7 +62,7 @@ def test_its_force_is_that_of_its_spring(backend: MujocoBackend) -> None:
 def test_it_slips_at_its_largest_force(backend: MujocoBackend) -> None:
     hand = backend.take_hand("torso", stiffness=1000.0, max_force=12.0)
     run(backend, CYCLE)
-    goal = hand.point + [0.3, 0.0, 0.0]
+    goal = hand.point + np.array([0.3, 0.0, 0.0])
     run(backend, 1.0, hand, goal)
     assert np.linalg.norm(hand.force) == pytest.approx(12.0)
     hand.move(goal, max_force=6.0)
@@ -78,7 +76,7 @@ def test_a_jump_of_the_goal_is_no_blow(backend: MujocoBackend) -> None:
     run(backend, CYCLE)
     before, last = hand.position, np.zeros(3)
     for _ in range(60):
-        run(backend, CYCLE, hand, before + [5.0, -3.0, 1.0])
+        run(backend, CYCLE, hand, before + np.array([5.0, -3.0, 1.0]))
         velocity = (hand.position - before) / CYCLE
         assert np.linalg.norm(velocity) <= HAND_SPEED * (1 + 1e-9)
         assert np.linalg.norm(velocity - last) <= HAND_ACCELERATION * CYCLE * (1 + 1e-6) + 1e-9
@@ -88,7 +86,7 @@ def test_a_jump_of_the_goal_is_no_blow(backend: MujocoBackend) -> None:
 
 def test_a_hand_that_no_one_moves_lets_go(backend: MujocoBackend) -> None:
     hand = backend.take_hand("torso")
-    run(backend, 1.0, hand, hand.point + [0.05, 0.0, 0.0])
+    run(backend, 1.0, hand, hand.point + np.array([0.05, 0.0, 0.0]))
     assert hand.holds, "as long as it is moved"
     run(backend, SILENCE - 2 * CYCLE)
     assert hand.holds
@@ -102,7 +100,7 @@ def test_a_hand_that_no_one_moves_lets_go(backend: MujocoBackend) -> None:
 
 def test_released_it_fades_at_once_and_another_may_take_the_link(backend: MujocoBackend) -> None:
     hand = backend.take_hand("torso")
-    run(backend, 1.0, hand, hand.point + [0.05, 0.0, 0.0])
+    run(backend, 1.0, hand, hand.point + np.array([0.05, 0.0, 0.0]))
     before = np.linalg.norm(hand.force)
     with pytest.raises(CommandError, match="already holds torso"):
         backend.take_hand("torso")
@@ -125,7 +123,7 @@ def test_what_is_wrong_is_refused_and_nothing_holds(backend: MujocoBackend) -> N
     hand = backend.take_hand("Head")
     for goal in ([np.inf, 0.0, 0.0], [0.0, 0.0], "there"):
         with pytest.raises(CommandError, match="position"):
-            hand.move(goal)  # type: ignore[arg-type]
+            hand.move(goal)
     with pytest.raises(CommandError, match="max_force"):
         hand.move([0.0, 0.0, 1.0], max_force=0.0)
 
@@ -143,7 +141,7 @@ def test_a_restored_robot_is_held_by_no_one(backend: MujocoBackend) -> None:
     free = backend.truth.position
     backend.restore(before)
     hand = backend.take_hand("LForeArm")
-    run(backend, 0.3, hand, hand.point + [0.0, 0.2, 0.0])
+    run(backend, 0.3, hand, hand.point + np.array([0.0, 0.2, 0.0]))
     held = backend.snapshot()
     backend.restore(held)
     assert not hand.holds
