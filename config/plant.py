@@ -33,6 +33,7 @@ from pepper_driver.config.plant_parts import (
 )
 from pepper_driver.config.plant_variants import Randomisation, randomise, resolve
 from pepper_driver.config.robot import RobotConfig, check_joint_keys
+from pepper_driver.config.visuals import without_visuals
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -226,7 +227,7 @@ def _check_names(names: Iterable[str], known: Iterable[str], where: str) -> None
 def plant_hash(plant: PlantConfig, robot: RobotConfig) -> str:
     """Identity of a simulated robot: plant, URDF, motors, encoders, hands. Models carry it to detect stale ones.
 
-    Comments, name, description, source and origins do not count.
+    Visual geometry, name, description, source and origins do not count.
     """
     parameters: dict[str, Any] = asdict(plant)
     # A model must remain valid when only words of its plant change.
@@ -240,6 +241,6 @@ def plant_hash(plant: PlantConfig, robot: RobotConfig) -> str:
         "encoder": asdict(robot.sensors.encoder),
         "current": asdict(robot.sensors.current),
         "hands": asdict(robot.hands),
-        "urdf": hashlib.sha256(robot.urdf.read_bytes()).hexdigest(),
+        "urdf": hashlib.sha256(without_visuals(robot.urdf.read_bytes())).hexdigest(),
     }
     return content_hash(content)

@@ -14,6 +14,8 @@ from pepper_driver.config.errors import ConfigError, reason
 from pepper_driver.config.robot import RobotConfig
 from pepper_driver.config.transforms import transform
 
+_VISUAL_LINES = (b"<visual>", b"<material ")
+
 Shape = Literal["box", "cylinder", "sphere"]
 
 
@@ -43,6 +45,12 @@ def load_visuals(robot: RobotConfig) -> tuple[Visual, ...]:
         ConfigError: The URDF has a shape or a colour that this does not know.
     """
     return _load(robot.urdf)
+
+
+def without_visuals(urdf: bytes) -> bytes:
+    """Return the text of a URDF without the lines of its visual geometry: physics knows nothing of them."""
+    lines = urdf.splitlines(keepends=True)
+    return b"".join(line for line in lines if not line.lstrip().startswith(_VISUAL_LINES))
 
 
 @lru_cache(maxsize=8)

@@ -26,8 +26,8 @@ def check_request(request: Request, token: str) -> Request | None:
 
     A page of another origin is refused too: it could know the address.
     """
-    parts = request.path.split("/", 2)
-    given = parts[1].partition("?")[0] if len(parts) > 1 else ""
+    parts = request.path.partition("?")[0].split("/", 2)
+    given = parts[1] if len(parts) > 1 else ""
     if not secrets.compare_digest(given.encode(), token.encode()):
         return None
     origin = request.headers.get("Origin")

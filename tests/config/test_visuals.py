@@ -11,7 +11,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pepper_driver.config import ConfigError, RobotConfig, load_robot
+from pepper_driver.config import ConfigError, RobotConfig, load_plant, load_robot
+from pepper_driver.config.plant import plant_hash
 from pepper_driver.config.visuals import Visual, load_visuals
 from pepper_driver.controller.model import RobotModel
 
@@ -109,6 +110,25 @@ def test_physics_knows_nothing_of_it(robot: RobotConfig) -> None:
     assert one.ngeom == other.ngeom
     for name in ("body_mass", "body_inertia", "geom_size", "geom_pos", "dof_armature"):
         assert np.array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_the_identity_of_a_plant_knows_nothing_of_it(robot: RobotConfig, tmp_path: Path) -> None:
+    """Models stay valid when only the looks change, and not when a mass does."""
+    plant = load_plant("nominal", robot)
+    text = robot.urdf.read_text()
+    identity = plant_hash(plant, robot)
+    changed = {
+        "looks": re.sub(r"  +<(visual>|material name=.*<color).*\n", "", text),
+        "mass": text.replace('<mass value="11.6015"/>', '<mass value="11.6016"/>'),
+    }
+    found = {}
+    for what, content in changed.items():
+        assert content != text
+        urdf = tmp_path / f"{what}.urdf"
+        urdf.write_text(content)
+        found[what] = plant_hash(plant, dataclasses.replace(robot, urdf=urdf))
+    assert found["looks"] == identity
+    assert found["mass"] != identity
 
 
 @pytest.mark.parametrize(
