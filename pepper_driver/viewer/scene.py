@@ -243,7 +243,6 @@ class RobotScene:
             contacts: That are felt at this moment.
             path: Go on with the path of the base.
         """
-        model = self._model
         with self._server.atomic():
             if self.ghost.root.visible:
                 self.ghost.update(
@@ -257,7 +256,7 @@ class RobotScene:
                 self._draw_path(picture.base)
             arrows = {f"force {i}": _force_arrow(f) for i, f in enumerate(picture.forces)}
             for contact in contacts:
-                arrows |= self._touch_arrows(contact, model)
+                arrows |= self._touch_arrows(contact)
             self._draw_arrows(arrows)
 
     def clear(self) -> None:
@@ -316,18 +315,17 @@ class RobotScene:
                 "/path", points=points, colors=PATH_COLOR, thickness=3.0, thickness_units="screen"
             )
 
-    def _touch_arrows(self, contact: Contact, model: RobotModel) -> dict[str, Any]:
+    def _touch_arrows(self, contact: Contact) -> dict[str, Any]:
         """Return arrows at the touched link: the force that gives the felt torque, and one deviation more."""
-        tree = model.pin
         pose = self.link_pose(contact.link)
         centre = pose[:3, 3] + pose[:3, :3] @ self._centres.get(contact.link, np.zeros(3))
         if contact.joint is None or contact.torque is None:
             up = np.array([0.0, 0.0, 0.15])
             return {f"touch {contact.id}": (centre + up, centre, TOUCH_COLOR)}
-        joint = tree.getJointId(contact.joint)
-        axis_in_joint = self._robot.joints[self._robot.joint_index(contact.joint)].axis
-        axis = model.data.oMi[joint].rotation @ np.array(axis_in_joint)
-        lever = centre - model.data.oMi[joint].translation
+        joint = self._robot.joints[self._robot.joint_index(contact.joint)]
+        turning = self.link_pose(joint.child)
+        axis = turning[:3, :3] @ np.array(joint.axis)
+        lever = centre - turning[:3, 3]
         across = np.cross(axis, lever)
         distance = max(float(np.linalg.norm(across)), MIN_LEVER)
         direction = across / max(float(np.linalg.norm(across)), 1e-9)

@@ -11,7 +11,7 @@ import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import psutil
+import psutil  # type: ignore[import-untyped]
 import pytest
 
 pytest.importorskip("viser")
@@ -26,9 +26,11 @@ TOKEN = "test-token"
 
 @pytest.fixture
 def shown() -> Iterator[tuple[Pepper, View]]:
-    with Pepper("mujoco", observer=None) as pepper:
-        with View(pepper, port=0, token=TOKEN, open_browser=False) as view:
-            yield pepper, view
+    with (
+        Pepper("mujoco", observer=None) as pepper,
+        View(pepper, port=0, token=TOKEN, open_browser=False) as view,
+    ):
+        yield pepper, view
 
 
 def wait_for(what: Callable[[], bool]) -> None:

@@ -1,0 +1,151 @@
+"""Where the mouse meets the robot, and where the robot is: closed forms, and the truth of the simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+pytest.importorskip("viser")
+import viser
+
+from pepper_driver import Pepper
+from pepper_driver.config import load_robot
+from pepper_driver.config.visuals import Visual
+from pepper_driver.log import read_log
+from pepper_driver.observer import Contact
+from pepper_driver.viewer.picture import Picture
+from pepper_driver.viewer.recorded import base_path
+from pepper_driver.viewer.scene import FORCE_LENGTH, RobotScene, signed_distance
+
+NOTHING = np.full(17, np.nan)
+
+
+def picture(position: np.ndarray, base: np.ndarray, tilt: np.ndarray) -> Picture:
+    return Picture(
+        time=0.0,
+        position=position,
+        commanded=position,
+        residual=NOTHING,
+        threshold=NOTHING,
+        torque=NOTHING,
+        torque_std=NOTHING,
+        state=np.zeros(17, dtype=np.int64),
+        base=base,
+        tilt=tilt,
+    )
+
+
+@pytest.fixture(scope="module")
+def scene() -> Iterator[RobotScene]:
+    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    yield RobotScene(server, load_robot())
+    server.stop()
+
+
+def shape(kind: str, *size: float) -> Visual:
+    return Visual(
+        link="torso",
+        shape=kind,  # type: ignore[arg-type]
+        size=size,
+        transform_visual_to_link=np.eye(4),
+        rgba=(1.0, 1.0, 1.0, 1.0),
+    )
+
+
+@given(st.tuples(*(st.floats(-2.0, 2.0) for _ in range(3))))
+def test_distances_are_those_of_the_shapes(point: tuple[float, float, float]) -> None:
+    """By other ways: the nearest of the surface's points."""
+    p = np.array(point)
+    assert signed_distance(shape("sphere", 0.5), p) == pytest.approx(np.linalg.norm(p) - 0.5)
+    half = np.array([0.3, 0.2, 0.1])
+    clipped = np.clip(p, -half, half)
+    inside = np.all(np.abs(p) < half)
+    expected = -np.min(half - np.abs(p)) if inside else np.linalg.norm(p - clipped)
+    assert signed_distance(shape("box", *(2 * half)), p) == pytest.approx(expected)
+    radius, length = 0.4, 0.6
+    around, along = np.hypot(p[0], p[1]), abs(p[2])
+    if around < radius and along < length / 2:
+        expected = -min(radius - around, length / 2 - along)
+    else:
+        expected = np.hypot(max(around - radius, 0.0), max(along - length / 2, 0.0))
+    assert signed_distance(shape("cylinder", radius, length), p) == pytest.approx(expected)
+
+
+def test_links_are_drawn_where_they_are(scene: RobotScene) -> None:
+    """In a posture, on a base that has moved and leans: as the simulation has it."""
+    with Pepper("mujoco", observer=None) as pepper:
+        pepper.set_posture({"LShoulderPitch": 0.3, "HeadYaw": 0.5, "HipRoll": 0.1}, duration=1.0)
+        pepper.drive(0.2, 0.1, 0.3, hold=True)
+        pepper.push("torso", [15.0, 0.0, 0.0], delay=1.4, duration=1.0)
+        pepper.run(2.0)
+        truth = pepper.backend.truth
+        scene.show(picture(truth.position, truth.base, truth.tilt), ())
+        for link in ("torso", "Head", "LForeArm", "r_wrist", "Tibia"):
+            assert np.allclose(scene.link_pose(link), truth.link_pose(link), atol=2e-3), link
+
+
+def test_a_ray_meets_the_surface_that_is_seen(scene: RobotScene) -> None:
+    scene.show(picture(np.zeros(17), np.array([1.0, 2.0, 0.5]), np.zeros(2)), ())
+    head = next(v for v, _ in scene.body.visuals if v.link == "Head" and v.shape == "sphere")
+    pose = scene.link_pose("Head") @ head.transform_visual_to_link
+    centre, direction = pose[:3, 3], np.array([0.6, 0.0, -0.8])
+    hit = scene.hit(head, centre - 3.0 * direction, direction)
+    assert hit is not None
+    point, inwards = hit
+    expected = centre - head.size[0] * direction
+    assert point == pytest.approx(scene.in_link("Head", expected), abs=1e-3)
+    assert inwards == pytest.approx(scene.link_pose("Head")[:3, :3].T @ direction)
+    assert scene.hit(head, centre - 3.0 * direction + [0.0, 1.0, 0.0], direction) is None
+
+
+def test_the_arrow_of_a_touch_has_the_torque_that_was_felt(scene: RobotScene) -> None:
+    """Its force, acting at its root, gives the contact's torque on the joint."""
+    robot = load_robot()
+    q = robot.posture("Stand")
+    scene.show(picture(q, np.zeros(3), np.zeros(2)), ())
+    contact = Contact(
+        id=3,
+        phase="begin",
+        kind="contact",
+        limb="left_arm",
+        joint="LShoulderRoll",
+        link="LBicep",
+        direction=1,
+        intensity_deg=2.0,
+        torque=2.5,
+        torque_std=0.5,
+        onset_time=0.0,
+        detection_time=0.0,
+        time=0.0,
+    )
+    arrows = scene._touch_arrows(contact)
+    start, tip, _ = arrows["touch 3"]
+    force = (tip - start) / FORCE_LENGTH
+    joint = robot.joints[robot.joint_index("LShoulderRoll")]
+    pose = scene.link_pose(joint.child)
+    moment = np.cross(start - pose[:3, 3], force) @ (pose[:3, :3] @ np.array(joint.axis))
+    assert moment == pytest.approx(2.5, rel=1e-6)
+    begin, end, _ = arrows["touch 3 std"]
+    assert begin == pytest.approx(tip)
+    assert np.linalg.norm(end - begin) / np.linalg.norm(tip - start) == pytest.approx(0.5 / 2.5)
+
+
+@pytest.mark.parametrize("truth", [True, False])
+def test_the_path_of_a_log_is_that_of_the_robot(truth: bool, tmp_path: Path) -> None:
+    """By its wheels within a few centimetres, where the log has no truth."""
+    path = tmp_path / "run.mcap"
+    with Pepper("mujoco", observer=None, log=path) as pepper:
+        pepper.drive(0.2, 0.05, 0.3, hold=True)
+        pepper.run(4.0)
+        end = pepper.backend.truth.base
+    log = read_log(path)
+    if not truth:
+        object.__setattr__(log, "truth", None)
+    base, _ = base_path(log)
+    assert base[0] == pytest.approx(np.zeros(3), abs=1e-3)
+    assert base[-1] == pytest.approx(end, abs=5e-3 if truth else 0.06)

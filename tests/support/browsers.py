@@ -1,0 +1,91 @@
+"""A real browser without a screen: Debian's Chromium, driven by selenium; tests are skipped where it is not there."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+SIZE = (1200, 800)
+"""[pixels] of the window."""
+
+LONG = 60.0
+"""[s] A machine without a graphics card draws a few pictures a second."""
+
+OPTIONS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-dev-shm-usage",
+    "--disable-quic",
+    "--disable-sync",
+    "--enable-unsafe-swiftshader",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--force-device-scale-factor=1",
+)
+
+
+@contextmanager
+def open_browser() -> Iterator[Any]:
+    """Yield a browser."""
+    webdriver = pytest.importorskip("selenium.webdriver")
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if chromium is None or driver is None:
+        pytest.skip("needs chromium and chromedriver")
+    options = webdriver.ChromeOptions()
+    for option in (*OPTIONS, f"--window-size={SIZE[0]},{SIZE[1]}"):
+        options.add_argument(option)
+    options.binary_location = chromium
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    browser = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    try:
+        yield browser
+    finally:
+        browser.quit()
+
+
+def wait_until(what: Callable[[], Any]) -> Any:
+    """Wait until something is true, and return it."""
+    end = time.monotonic() + LONG
+    while not (found := what()):
+        assert time.monotonic() < end, "it took too long"
+        time.sleep(0.05)
+    return found
+
+
+def text_of(browser: Any) -> str:
+    """Text of the whole page."""
+    return str(browser.execute_script("return document.body.innerText"))
+
+
+def click(browser: Any, label: str) -> None:
+    """Click a button or tab by the begin of its label, once it is there."""
+
+    def find() -> Any:
+        elements = browser.find_elements("css selector", "button, [role=tab]")
+        return next((e for e in elements if e.text.startswith(label)), None)
+
+    wait_until(find).click()
+
+
+def hosts_asked(browser: Any) -> set[str]:
+    """Hosts of all requests that the page made."""
+    import json
+    from urllib.parse import urlsplit
+
+    hosts = set()
+    for entry in browser.get_log("performance"):
+        message = json.loads(entry["message"])["message"]
+        url = message.get("params", {}).get("request", {}).get("url") or message.get(
+            "params", {}
+        ).get("url", "")
+        if urlsplit(url).scheme in ("http", "https", "ws", "wss"):
+            hosts.add(urlsplit(url).hostname or "")
+    return hosts
