@@ -192,7 +192,7 @@ def test_arrays_of_backends_may_have_gaps_or_another_type(tmp_path: Path) -> Non
 def test_the_base_goes_where_the_wheels_took_it(tmp_path: Path) -> None:
     path, poses = tmp_path / "a.mcap", {}
     with Pepper("mujoco", observer=None, log=path) as pepper:
-        pepper.drive(0.2, 0.0, 0.5)
+        pepper.drive(0.2, 0.0, 0.5, hold=True)
 
         def keep(tick: Tick, _: object) -> None:
             poses[round(tick.measurement.time * 1e9)] = pepper.base_pose
