@@ -80,7 +80,7 @@ def layout_metadata(robot: RobotConfig) -> dict[str, str]:
     }
     values: Mapping[str, object] = {
         # New ones at the end: then older logs whose layout is damaged are read by this one.
-        "topics": [*tables, *(topic.topic for topic in (*JSON_TOPICS, *ROS_TOPICS))],
+        "topics": [*tables, *(t.topic for t in JSON_TOPICS), *(t.topic for t in ROS_TOPICS)],
         "fields": {topic: [asdict(f) for f in fields] for topic, fields in tables.items()},
         "robot": robot.name,
         "joint_names": robot.joint_names,

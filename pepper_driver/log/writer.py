@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 CHUNK_SIZE = 64 * 1024
-"""[bytes] A killed process loses the chunk it was filling: at 12 ms, a third of a second."""
+"""[bytes] A killed process loses the chunk it was filling: at 12 ms, a quarter of a second."""
 
 
 def open_file(path: Path) -> BinaryIO:

@@ -182,9 +182,9 @@ def test_arrays_of_backends_may_have_gaps_or_another_type(tmp_path: Path) -> Non
     position = angles().astype(np.float32)
     gaps = np.zeros(2 * len(position))
     gaps[::2] = position
-    records = [TickRecord(tick=tick(i, given)) for i, given in ((0, position), (EVERY, gaps[::2]))]
-    records[1:1] = [TickRecord(tick=tick(i, angles())) for i in range(1, EVERY)]
-    path = write(tmp_path / "a.mcap", records)
+    given: dict[int, Any] = {0: position, EVERY: gaps[::2]}
+    ticks = (tick(i, given.get(i, gaps[::2])) for i in range(EVERY + 1))
+    path = write(tmp_path / "a.mcap", (TickRecord(tick=each) for each in ticks))
     for state in messages(path, "/joint_states"):
         assert same_bits(np.array(state.position), position.astype(np.float64))
 
