@@ -25,6 +25,7 @@ ODOM = "odom"
 """Frame in which the base started, by its wheels."""
 
 VERTICAL = (0.0, 0.0, 1.0)
+"""Axis of the base; links that no joint moves are not turned about it."""
 
 LAST_STAMP = 2**31 * 10**9 - 1
 """[ns] ROS 2 counts seconds in 32 bits: later times are stamped with this one."""
@@ -93,48 +94,6 @@ def _with_parts(name: str) -> list[str]:
     return found
 
 
-class Turn:
-    """A transform in a message: where its stamp and its rotation begin, and the quaternion of the rotation.
-
-    That is (x, y, z, w) where its joint is at 0, and (turned_x, ...) half a turn further: at an angle q it is
-    cos(q/2) times the one plus sin(q/2) times the other.
-    """
-
-    stamp: int
-    rotation: int
-    x: float
-    y: float
-    z: float
-    w: float
-    turned_x: float
-    turned_y: float
-    turned_z: float
-    turned_w: float
-
-
-@kernel
-def _write_turns(
-    turns: Records[Turn],
-    angle: FloatArray,
-    sec: int,
-    nanosec: int,
-    reals: Out[FloatArray],
-    integers: Out[ShortArray],
-) -> bool:
-    """Write stamps and rotations into a message; return False where an angle is not finite."""
-    for j in range(len(turns)):
-        if not isfinite(angle[j]):
-            return False
-        turn = turns[j]
-        integers[turn.stamp], integers[turn.stamp + 1] = sec, nanosec
-        c, s = cos(angle[j] / 2), sin(angle[j] / 2)
-        reals[turn.rotation] = c * turn.x + s * turn.turned_x
-        reals[turn.rotation + 1] = c * turn.y + s * turn.turned_y
-        reals[turn.rotation + 2] = c * turn.z + s * turn.turned_z
-        reals[turn.rotation + 3] = c * turn.w + s * turn.turned_w
-    return True
-
-
 class _Message:
     """The bytes of a message in plain CDR, with numbers that can be replaced.
 
@@ -147,10 +106,10 @@ class _Message:
     """
 
     def __init__(self, data: bytes) -> None:
-        head = len(CDR_HEADER)
         # Numbers of 8 bytes have their places in a message from the end of its header on; kernels want them in memory.
-        lead, rest = 8 - head, -(len(data) - head) % 8
-        memory = np.frombuffer(bytearray(lead) + data + bytearray(rest), np.uint8)
+        lead = 8 - len(CDR_HEADER)
+        memory = np.zeros(-(-(lead + len(data)) // 8)).view(np.uint8)
+        memory[lead : lead + len(data)] = np.frombuffer(data, np.uint8)
         self.integers = memory[8:].view(np.int32)
         self.reals = memory[8:].view(np.float64)
         self._data = memory[lead : lead + len(data)]

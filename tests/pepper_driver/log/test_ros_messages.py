@@ -105,6 +105,30 @@ def test_transforms_are_the_kinematics_of_the_urdf(tmp_path: Path, number: int) 
         np.testing.assert_allclose(pose, expected, rtol=0, atol=1e-12, err_msg=link)
 
 
+def test_links_may_stand_at_any_angle_on_their_parents_and_turn_about_any_axis(
+    tmp_path: Path,
+) -> None:
+    frames = {
+        link: replace(frame, xyz=tuple(RANDOM.normal(size=3)), rpy=tuple(RANDOM.uniform(-3, 3, 3)))
+        for link, frame in ROBOT.link_frames.items()
+    }
+    joints = tuple(replace(joint, axis=tuple(RANDOM.normal(size=3))) for joint in ROBOT.joints)
+    position, path = angles(), tmp_path / "a.mcap"
+    with LogWriter(path, replace(ROBOT, link_frames=frames, joints=joints), {}) as log:
+        log.append(TickRecord(tick=tick(0, position)))
+    found = placements(messages(path, "/tf_static")[0]) | placements(messages(path, "/tf")[0])
+    turns = {
+        joint.child: Rotation.from_rotvec(np.array(joint.axis) / np.linalg.norm(joint.axis) * angle)
+        for joint, angle in zip(joints, position, strict=True)
+    }
+    assert len(found) == len(frames) + 1
+    for link, frame in frames.items():
+        pose = found[frame.parent, link]
+        turn = Rotation.from_euler("xyz", frame.rpy) * turns.get(link, Rotation.identity())
+        np.testing.assert_allclose(pose[:3, :3], turn.as_matrix(), rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(pose[:3, 3], frame.xyz)
+
+
 def test_a_joint_state_has_what_was_measured(tmp_path: Path) -> None:
     position = angles()
     path = write(tmp_path / "a.mcap", [TickRecord(tick=tick(0, position, time=12.25))])
