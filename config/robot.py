@@ -29,6 +29,7 @@ from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, load, own_or_shipped, read_yaml
 from pepper_driver.config.mistakes import as_written
 from pepper_driver.config.parts import (
+    Frame,
     HandGeometry,
     Limits,
     Motors,
@@ -118,7 +119,8 @@ class _RobotFile:
 class RobotConfig:
     """Description of the robot itself.
 
-    Every 17-vector follows ``joint_names``. ``chains`` list joints from the trunk outwards.
+    Every 17-vector follows ``joint_names``. ``chains`` list joints from the trunk outwards. ``link_frames`` has the
+    place of each link but the root on its parent, with the joint between them at 0.
     """
 
     name: str
@@ -127,6 +129,7 @@ class RobotConfig:
     battery_voltage: float
     joints: tuple[Joint, ...]
     links: tuple[str, ...]
+    link_frames: dict[str, Frame]
     chains: dict[str, tuple[str, ...]]
     hands: HandGeometry
     motors: Motors
@@ -245,34 +248,47 @@ class RobotConfig:
         return self.postures[name].copy()
 
 
-def _read_urdf(path: Path) -> tuple[dict[str, Joint], tuple[str, ...]]:
-    """Revolute joints by name, and all link names, of a URDF."""
+def _read_urdf(path: Path) -> tuple[dict[str, Joint], tuple[str, ...], dict[str, Frame]]:
+    """Revolute joints by name, all link names, and the places of links on their parents, of a URDF."""
     try:
         root = ElementTree.parse(path).getroot()
-        joints = {}
-        for element in root.iter("joint"):
+        joints, frames = {}, {}
+        for element in root.findall("joint"):
+            name = element.get("name")
+            parent, child = element.find("parent"), element.find("child")
+            if parent is None or child is None:
+                raise KeyError(f"joint {name} lacks parent or child")
+            frames[child.attrib["link"]] = Frame(
+                parent=parent.attrib["link"],
+                xyz=_vector(element, "origin", "xyz", "0 0 0"),
+                rpy=_vector(element, "origin", "rpy", "0 0 0"),
+            )
             if element.get("type") != "revolute":
                 continue
-            limit, parent, child = (element.find(tag) for tag in ("limit", "parent", "child"))
-            if limit is None or parent is None or child is None:
-                raise KeyError(f"joint {element.get('name')} lacks limit, parent or child")
+            limit = element.find("limit")
+            if limit is None:
+                raise KeyError(f"joint {name} lacks limit")
             name = element.attrib["name"]
-            # URDF: the axis is x where none is given.
-            axis = element.find("axis")
-            x, y, z = map(float, (axis.attrib["xyz"] if axis is not None else "1 0 0").split())
             joints[name] = Joint(
                 name=name,
                 parent=parent.attrib["link"],
                 child=child.attrib["link"],
-                axis=(x, y, z),
+                axis=_vector(element, "axis", "xyz", "1 0 0"),
                 **{
                     key: float(limit.attrib[key])
                     for key in ("lower", "upper", "velocity", "effort")
                 },
             )
-        return joints, tuple(element.attrib["name"] for element in root.iter("link"))
+        return joints, tuple(element.attrib["name"] for element in root.iter("link")), frames
     except (OSError, ElementTree.ParseError, KeyError, ValueError) as error:
         raise ConfigError(f"{path}: not a usable URDF ({reason(error)})") from error
+
+
+def _vector(joint: ElementTree.Element, tag: str, key: str, default: str) -> Vector3:
+    """Return three numbers of a part of a joint, or those that a URDF means where they are left out."""
+    part = joint.find(tag)
+    x, y, z = map(float, (default if part is None else part.get(key, default)).split())
+    return x, y, z
 
 
 def check_joint_keys(given: set[str], expected: set[str], where: str) -> None:
@@ -326,7 +342,7 @@ def load_robot(path: Path | str | None = None) -> RobotConfig:
     path = own_or_shipped(path, "pepper.yaml")
     top = load(_RobotFile, path)
     folder = path.parent
-    in_urdf, links = _read_urdf(folder / top.urdf)
+    in_urdf, links, link_frames = _read_urdf(folder / top.urdf)
     check_joint_keys(set(top.joint_names), set(in_urdf), f"{path}: key 'joint_names'")
     expected = set(top.joint_names)
     motors = load(Motors, folder / top.motors)
@@ -350,6 +366,7 @@ def load_robot(path: Path | str | None = None) -> RobotConfig:
         battery_voltage=top.battery_voltage,
         joints=joints,
         links=links,
+        link_frames=link_frames,
         chains=top.chains,
         hands=top.hands,
         motors=motors,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -36,6 +36,7 @@ class TickRecord:
     Attributes:
         tick: Measurement, and the reference and command it answers.
         observation: Result of the observer; None without one.
+        base_pose: (3,) x [m], y [m], heading [rad] of the base by its wheels, since the start.
         events: Sensors that were pressed or released, reflexes that began or ended.
         unmatched: Commands that no tick answers, older than the one that this tick answers: how many ticks before this
             one, and which.
@@ -47,6 +48,7 @@ class TickRecord:
 
     tick: Tick
     observation: Observation | None = None
+    base_pose: FloatArray = field(default_factory=lambda: np.zeros(3))
     events: Sequence[ReflexEvent | SensorEvent] = ()
     unmatched: Sequence[tuple[int, SentCommand]] = ()
     truth: TruthSample | None = None
@@ -201,6 +203,7 @@ class Loop:
             record = TickRecord(
                 tick=tick,
                 observation=observation,
+                base_pose=self._controller.odometry.pose,
                 events=events,
                 unmatched=unmatched,
                 truth=truth,

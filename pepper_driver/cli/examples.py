@@ -15,7 +15,7 @@ from pepper_driver.config.errors import reason
 from pepper_driver.config.files import OutputError, make_folder
 from pepper_driver.config.loading import read_yaml
 
-SUFFIXES = (".py", ".yaml", ".md", ".toml")
+SUFFIXES = (".py", ".yaml", ".md", ".toml", ".json", ".xml")
 
 PACKAGE = Path(__file__).parents[1]
 

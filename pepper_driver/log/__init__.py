@@ -1,4 +1,4 @@
-"""The log of a run: one MCAP file that Foxglove and PlotJuggler open as it is."""
+"""The log of a run: one MCAP file that Lichtblick, Foxglove and PlotJuggler open as it is."""
 
 from pepper_driver.backends.log_file import LogError
 from pepper_driver.log.reader import RunLog, read_log

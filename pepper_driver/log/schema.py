@@ -35,6 +35,7 @@ from pepper_driver.backends.simulated import TruthSample
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray
 from pepper_driver.controller.tick import Reference
+from pepper_driver.log.ros_messages import ROS_TOPICS
 from pepper_driver.log.topics import CONTACTS, EVENTS, LABELS, JsonTopic
 from pepper_driver.observer.interface import JointState, Observation
 
@@ -78,7 +79,8 @@ def layout_metadata(robot: RobotConfig) -> dict[str, str]:
         TRUTH_TOPIC: layout_fields(TRUTH_FIELDS, robot),
     }
     values: Mapping[str, object] = {
-        "topics": [*tables, *(topic.topic for topic in JSON_TOPICS)],
+        # New ones at the end: then older logs whose layout is damaged are read by this one.
+        "topics": [*tables, *(t.topic for t in JSON_TOPICS), *(t.topic for t in ROS_TOPICS)],
         "fields": {topic: [asdict(f) for f in fields] for topic, fields in tables.items()},
         "robot": robot.name,
         "joint_names": robot.joint_names,

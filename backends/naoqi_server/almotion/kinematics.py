@@ -6,7 +6,6 @@ documented: those here are ours, with service and method first.
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import atan2, cos, hypot, sin
@@ -262,28 +261,16 @@ def _turned(axis: FloatArray, angle: float) -> FloatArray:
 
 
 def _read_links(config: RobotConfig) -> dict[str, _Link]:
-    """Read the place of each link on its parent, but of the root."""
+    """Return the place of each link on its parent, but of the root."""
+    # The opening of a hand turns nothing that has a name here.
+    turning = {j.child: j for j in config.joints if j.name not in config.hands.joints}
     links = {}
-    axes = {joint.name: joint.axis for joint in config.joints}
-    for element in ElementTree.parse(config.urdf).getroot().iter("joint"):
-        name = element.attrib["name"]
-        origin = element.find("origin")
-        numbers = {
-            key: [
-                float(n)
-                for n in (origin.get(key, "0 0 0") if origin is not None else "0 0 0").split()
-            ]
-            for key in ("xyz", "rpy")
-        }
-        parent, child = element.find("parent"), element.find("child")
-        if parent is None or child is None:  # load_robot has refused such a file
-            continue
-        # The opening of a hand turns nothing that has a name here.
-        turns = name in axes and name not in config.hands.joints
-        links[child.attrib["link"]] = _Link(
-            parent=parent.attrib["link"],
-            origin=transform(numbers["xyz"], numbers["rpy"]),
-            joint=config.joint_index(name) if turns else None,
-            axis=np.array(axes.get(name, (1.0, 0.0, 0.0))),
+    for child, frame in config.link_frames.items():
+        joint = turning.get(child)
+        links[child] = _Link(
+            parent=frame.parent,
+            origin=transform(frame.xyz, frame.rpy),
+            joint=None if joint is None else config.joint_index(joint.name),
+            axis=np.array((1.0, 0.0, 0.0) if joint is None else joint.axis),
         )
     return links

@@ -119,7 +119,7 @@ def test_cut_anywhere_reads_up_to_the_cut(tmp_path: Path) -> None:
         assert "cut short" in read.missing
         assert read.metadata == {"seed": "0"}
         assert len(read) >= rows
-        # What is lost is one chunk, a third of a second.
+        # What is lost is one chunk, a quarter of a second.
         rows = len(read)
         assert rows >= 150 * point / len(whole) - 60
         if point % 10 == 0:
