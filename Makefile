@@ -1,4 +1,4 @@
-# make demo: the main job on the simulated Pepper. make check: style and types. make test: check, then tests.
+# make demo: the main job on the simulated Pepper. make view: the simulated Pepper in the browser. make check: style and types. make test: check, then tests.
 # make test-all: also what takes minutes (plants for a minute, examples, docs, packages), and ten times the examples of property tests.
 # make flakes: the tests again and again, alone and next to busy processes; interrupted, it continues where it was.
 # make naoqi: install what a robot over NAOqi needs, and its stand-in. make lint: style. make types: mypy.
@@ -9,7 +9,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 WORKERS ?= 3
 
-.PHONY: demo naoqi check test test-all flakes lint types format build bench-controller clean
+.PHONY: demo view naoqi check test test-all flakes lint types format build bench-controller clean
 
 # One stamp for each extra: installed again when pyproject.toml changes.
 $(VENV)/.extra-%: pyproject.toml
@@ -19,6 +19,9 @@ $(VENV)/.extra-%: pyproject.toml
 
 demo: $(VENV)/.extra-plot
 	$(BIN)/pepper demo --out runs/demo
+
+view: $(VENV)/.extra-viewer
+	$(BIN)/pepper view
 
 naoqi: $(VENV)/.extra-naoqi
 

@@ -257,16 +257,8 @@ class Session:
 
     def start_telemetry(self, telemetry: TelemetryServer) -> None:
         """Stream every tick from the next one on; see :meth:`pepper_driver.Pepper.show`."""
-        loop = self.loop
-        controller = loop.arbiter.controller
-        telemetry.begin(
-            self._backend,
-            self._robot,
-            self._metadata(),
-            odometry=lambda: controller.odometry.pose,
-            status=self._status,
-        )
-        self._changes.make(lambda: loop.start_telemetry(telemetry))
+        telemetry.begin(self._backend, self._robot, self._metadata(), self._status)
+        self._changes.make(lambda: self.loop.start_telemetry(telemetry))
 
     def _status(self) -> dict[str, object]:
         """Return what telemetry says of the run, from any thread."""

@@ -152,7 +152,6 @@ class TelemetryServer:
         backend: Backend,
         robot: RobotConfig,
         metadata: Mapping[str, str],
-        odometry: Callable[[], FloatArray],
         status: Callable[[], Mapping[str, object]],
     ) -> None:
         """Announce a run.
@@ -161,11 +160,10 @@ class TelemetryServer:
             backend: Active; where it is a simulation, the pictures show the truth.
             robot: Its description.
             metadata: Text about the run, as in a log.
-            odometry: Called inside a tick: (3,) x, y [m], yaw [rad] of the base by its wheels.
             status: Called a few times a second on this server's thread; returns what JSON can hold.
         """
         self._ring.clear()
-        self._run = _Run(backend, robot, metadata, odometry, status, self._can())
+        self._run = _Run(backend, robot, metadata, status, self._can())
 
     def append(self, record: TickRecord) -> None:
         """Take a tick, inside it. Never raises, never waits."""
@@ -338,7 +336,6 @@ class _Run:
         backend: Backend,
         robot: RobotConfig,
         metadata: Mapping[str, str],
-        odometry: Callable[[], FloatArray],
         status: Callable[[], Mapping[str, object]],
         can: Mapping[str, object],
     ) -> None:
@@ -346,7 +343,7 @@ class _Run:
             Kind.ABOUT, layout=layout_metadata(robot), run=dict(metadata), can=dict(can)
         )
         self.events: deque[LogEvent] = deque()
-        self._odometry, self._status = odometry, status
+        self._status = status
         self._truth = backend.truth if "truth" in backend.info.capabilities else None
         self._rows, self._unobserved = Rows(TICK_FIELDS, robot), unobserved(robot)
 
@@ -354,7 +351,7 @@ class _Run:
         """Return a tick with the pose of the base, and the forces that a simulation knows."""
         truth = self._truth
         if truth is None:
-            return _Entry(record, shown=True, base=self._odometry())
+            return _Entry(record, shown=True, base=record.base_pose)
         return _Entry(record, shown=True, base=truth.base, tilt=truth.tilt, forces=truth.contacts)
 
     def events_of(self, record: TickRecord) -> bytes:

@@ -15,6 +15,7 @@ import numpy as np
 
 from pepper_driver.config import NaoqiServices, PepperError, RobotConfig, suggestion
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.transforms import transform
 
 ARMS = ("LArm", "RArm")
 
@@ -236,19 +237,6 @@ def position6(pose: FloatArray) -> list[float]:
     wx = atan2(turn[2, 1], turn[2, 2])
     wz = atan2(turn[1, 0], turn[0, 0])
     return [*pose[:3, 3].tolist(), wx, wy, wz]
-
-
-def transform(xyz: Sequence[float], rpy: Sequence[float]) -> FloatArray:
-    """(4, 4) from a shift [m] and angles [rad] as URDFs have them: Rz(yaw) Ry(pitch) Rx(roll)."""
-    cr, sr, cp, sp, cy, sy = (f(angle) for angle in rpy for f in (cos, sin))
-    pose = np.eye(4)
-    pose[:3, :3] = (
-        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
-        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
-        (-sp, cp * sr, cp * cr),
-    )
-    pose[:3, 3] = xyz
-    return pose
 
 
 def _turned(axis: FloatArray, angle: float) -> FloatArray:

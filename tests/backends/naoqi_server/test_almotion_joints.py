@@ -24,7 +24,6 @@ from pepper_driver.backends.naoqi_server.almotion.kinematics import (
     number,
     numbers,
     position6,
-    transform,
 )
 from pepper_driver.backends.naoqi_server.almotion.postures import PREFIX, Life, Postures, Waking
 from pepper_driver.backends.naoqi_server.almotion.wheels import DriveLimits

@@ -20,7 +20,7 @@ from pepper_driver.log import read_log
 from pepper_driver.reflexes import Comply
 from pepper_driver.viewer.page import CAMERA, FIELD_OF_VIEW, LOOK_AT
 from pepper_driver.viewer.view import View
-from tests.support.browsers import click, hosts_asked, open_browser, text_of, wait_until
+from support.browsers import click, hosts_asked, open_browser, text_of, wait_until
 
 TOKEN = "test-token"
 
