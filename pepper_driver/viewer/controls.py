@@ -73,7 +73,7 @@ class Controls:
 
     @property
     def can(self) -> dict[str, Any]:
-        """What the page may offer: ``touch``, ``control``, names of postures and sensors, and the choices."""
+        """Offers of the page: ``touch``, ``control``, names of postures and sensors, and the choices."""
         robot = self._pepper.config
         return {
             "touch": self._simulated,

@@ -107,7 +107,7 @@ class Host:
 
     @property
     def choices(self) -> dict[str, object]:
-        """What the page can offer."""
+        """Choices that the page can offer."""
         choices: dict[str, object] = {
             "motions": [*shipped_names("motions"), *shipped_names("experiments")]
         }

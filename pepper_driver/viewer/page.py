@@ -1,4 +1,4 @@
-"""What both pages have in common: server, scene, curves, switches."""
+"""Common parts of both pages: server, scene, curves, switches."""
 
 from __future__ import annotations
 

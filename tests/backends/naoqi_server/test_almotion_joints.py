@@ -28,6 +28,7 @@ from pepper_driver.backends.naoqi_server.almotion.kinematics import (
 from pepper_driver.backends.naoqi_server.almotion.postures import PREFIX, Life, Postures, Waking
 from pepper_driver.backends.naoqi_server.almotion.wheels import DriveLimits
 from pepper_driver.backends.naoqi_server.memory import Memory
+from pepper_driver.config.transforms import transform
 from pepper_driver.controller import RobotModel
 from support.almotion import CONFIG, SETTINGS, Stage, hardness_key, joint, wheel_key
 from support.examples import examples
