@@ -1,5 +1,6 @@
 """What README and examples promise, run as it stands there."""
 
+import json
 import re
 import shlex
 import subprocess
@@ -104,6 +105,25 @@ def _run(code: str, folder: Path) -> None:
         [sys.executable, str(file)], capture_output=True, text=True, cwd=folder, timeout=120
     )
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "examples" / "notebooks").glob("*.ipynb")), ids=lambda path: path.name
+)
+def test_the_cells_of_a_notebook_run(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One after the other; the page is served, and the pull and the push are felt."""
+    pytest.importorskip("viser")
+    names: dict[str, Any] = {}
+    try:
+        for cell in json.loads(path.read_text())["cells"]:
+            if cell["cell_type"] == "code":
+                exec(compile("".join(cell["source"]), path.name, "exec"), names)
+    finally:
+        names["pepper"].show().close()
+        names["pepper"].stop()
+    assert "contact on left_arm" in capsys.readouterr().out
+    assert names["felt"]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from shutil import copyfile
@@ -15,7 +16,7 @@ from pepper_driver.config.errors import reason
 from pepper_driver.config.files import OutputError, make_folder
 from pepper_driver.config.loading import read_yaml
 
-SUFFIXES = (".py", ".yaml", ".md", ".toml", ".json", ".xml")
+SUFFIXES = (".py", ".yaml", ".md", ".toml", ".json", ".xml", ".ipynb")
 
 PACKAGE = Path(__file__).parents[1]
 
@@ -66,11 +67,14 @@ def copy_examples(folder: Path, out: Path) -> int:
 
 
 def summaries(folder: Path) -> Iterator[tuple[str, str]]:
-    """Yield name and summary of each program, experiment and plug-in."""
+    """Yield name and summary of each program, experiment, notebook and plug-in."""
     for path in sorted(folder.glob("*.py")):
         yield path.name, _summary(path)
     for path in sorted(folder.glob("experiments/*.yaml")):
         yield f"experiments/{path.name}", str(read_yaml(path).get("description", ""))
+    for path in sorted(folder.glob("notebooks/*.ipynb")):
+        title = json.loads(path.read_text(encoding="utf-8"))["cells"][0]["source"][0]
+        yield f"notebooks/{path.name}", title.strip("# \n")
     for path in sorted(folder.glob("plugins/*/*.py")):
         if not path.name.startswith("test_"):
             yield f"plugins/{path.parent.name}", _summary(path)
