@@ -72,7 +72,7 @@ def test_the_robot_goes_on_when_the_page_ends(shown: tuple[Pepper, View]) -> Non
 def test_the_page_ends_with_its_program(shown: tuple[Pepper, View]) -> None:
     _, view = shown
     process = psutil.Process(view._process._process.pid)
-    assert process.nice() == 10
+    assert process.nice() == min(psutil.Process().nice() + 10, 19)
     view.close()
     assert not process.is_running()
 
