@@ -311,7 +311,7 @@ class Pepper(CallbackRegistry):
         stiffness: float = Grab.stiffness,
         max_force: float = Grab.max_force,
     ) -> SteadyHand:
-        """Take a link of a simulated robot in a springy hand, to be moved as one likes; it never tips the robot.
+        """Take a link of a simulated robot in a springy hand that is moved later, bounded by what would tip the robot.
 
         >>> hand = pepper.take_hand("LForeArm")
         >>> hand.move(hand.point + [0.0, 0.1, 0.0])

@@ -47,13 +47,14 @@ class SteadyHand:
         """
         goal = np.asarray(position, dtype=np.float64)
         if self._backend.plant.rolling and goal.shape == (3,) and np.isfinite(goal).all():
-            bound = self._bound(goal)
+            # The force points to the hand, which comes to the goal later.
+            bound = min(self._bound(goal), self._bound(self._hand.position))
             self.limited = bound < self._strength
             self.max_force = min(bound, self._strength)
         self._hand.move(position, max_force=self.max_force)
 
     def _bound(self, goal: FloatArray) -> float:
-        """Return the force [N] towards a goal (3,) in the world [m] that the robot stands."""
+        """Return the force [N] towards a place (3,) in the world [m] that the robot stands."""
         truth, point = self._backend.truth, self._hand.point
         x, y, yaw = truth.base
         cos, sin = np.cos(yaw), np.sin(yaw)

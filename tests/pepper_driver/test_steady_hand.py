@@ -25,6 +25,19 @@ def test_its_force_stays_within_what_the_robot_stands() -> None:
             assert ratio > 0.3
 
 
+@pytest.mark.parametrize("link", ["Head", "LForeArm"])
+def test_a_strong_hand_that_turns_downwards_tips_no_robot(link: str) -> None:
+    """The spring still pulls sideways while the goal is below, where the robot stands any force."""
+    with Pepper("mujoco", observer=None) as pepper:
+        hand = pepper.take_hand(link, stiffness=3000.0, max_force=1000.0)
+        pepper.step()
+        for way in ([3.0, 0.0, 0.0], [0.0, 0.0, -3.0], [0.0, 3.0, 0.0], [0.0, 0.0, -3.0]):
+            for _ in range(30):
+                hand.move(hand.point + way)
+                pepper.step()
+                assert np.degrees(np.abs(pepper.backend.truth.tilt)).max() < 2.0
+
+
 def test_downwards_it_is_as_strong_as_it_can() -> None:
     with Pepper("mujoco", observer=None) as pepper:
         hand = pepper.take_hand("torso", max_force=60.0)
