@@ -181,14 +181,8 @@ class TelemetryServer:
         if self._run is not None:
             self._run.events.append(event)
 
-    def end(self) -> None:
-        """Send what is left of the run."""
-        run, deadline = self._run, time.monotonic() + 10 * POLL
-        while run is not None and self._ring and time.monotonic() < deadline:
-            time.sleep(POLL)
-
     def close(self) -> None:
-        """End all connections. Does nothing when closed."""
+        """Send what waits, and end all connections. Does nothing when closed."""
         self._closing.set()
         if threading.current_thread() is not self._thread:
             self._thread.join()
@@ -211,6 +205,8 @@ class TelemetryServer:
             if time.monotonic() >= next_status:
                 next_status = time.monotonic() + STATUS_PERIOD
                 self._send(run.status())
+        if told is not None:
+            self._send_entries(told)
         for listener in tuple(self._listeners.values()):
             self._drop(listener)
         self._selector.close()

@@ -1,4 +1,4 @@
-"""A robot that runs for its page: it plays what the page asks for, and begins anew with other settings."""
+"""A robot that runs for its page: it plays what the page asks for, and starts again with other settings."""
 
 from __future__ import annotations
 

@@ -114,7 +114,7 @@ class Page:
         self.curves = Curves(self.server, self.robot, AUTOMATIC)
 
     def remember(self, picture: Picture) -> None:
-        """Keep a picture for the curves; one that is earlier than the last begins anew."""
+        """Keep a picture for the curves; one that is earlier than the last clears them."""
         if self.pictures and picture.time < self.pictures[-1].time:
             self.pictures.clear()
             self.scene.clear()

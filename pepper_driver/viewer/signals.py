@@ -87,7 +87,7 @@ class Curves:
         torque = np.array([p.torque[joint] for p in shown])
         std = np.array([p.torque_std[joint] for p in shown])
         name = self._names[joint]
-        if name != self._named:  # not as titles: a chart with a new title begins anew
+        if name != self._named:  # not as titles: a chart with a new title is empty again
             self._named = name
             self._name.content = f"**{name}**"
         self._residual.data = (time, residual, threshold, -threshold)

@@ -17,8 +17,9 @@ from pepper_driver.controller import Tick
 from pepper_driver.log.topics import CONTACTS
 from pepper_driver.reflexes import Hold
 from pepper_driver.telemetry import Kind, TelemetryClient, TelemetryError, TelemetryServer
+from pepper_driver.telemetry import server as server_module
 from pepper_driver.telemetry.protocol import Message
-from pepper_driver.telemetry.server import MAX_BACKLOG, Request
+from pepper_driver.telemetry.server import Request
 
 LONG = 20.0
 """[s] after which a test gives up waiting for another thread."""
@@ -77,7 +78,6 @@ def test_a_listener_receives_rows_poses_and_contacts_as_they_are(server: Telemet
         for _ in range(40):  # as slow as a thread that sends needs
             pepper.run(0.048, on_tick=note)
             time.sleep(0.015)
-        server.end()
         server.close()
         messages = list(client)
         history = pepper.contact_history
@@ -137,21 +137,29 @@ def test_without_the_token_nothing_comes(server: TelemetryServer) -> None:
             receive_until(client, Kind.ABOUT)
 
 
-def test_one_that_takes_nothing_holds_up_no_one(server: TelemetryServer) -> None:
-    """Its socket fills, rows are left out for it, and at last it is left; ticks and others go on."""
+def test_one_that_takes_nothing_holds_up_no_one(
+    server: TelemetryServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rows are left out for it, and at last it is left; ticks and others go on."""
+    monkeypatch.setattr(server_module, "MAX_BACKLOG", 2**14)
+    send = server_module._Listener.send
+    monkeypatch.setattr(
+        server_module._Listener,
+        "send",
+        lambda listener: None if listener.number == 1 else send(listener),
+    )
     with Pepper("mujoco", observer=None) as pepper:
         pepper.stream_to(server)
         with listen(server) as silent, listen(server) as client:
             receive_until(client, Kind.ABOUT)
-            silent_socket = silent._socket
-            silent_socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
             ticks = 0
-            for _ in range(60):
+            for _ in range(20):
                 pepper.run(0.12)
                 ticks += 10
                 receive_until(client, Kind.TICK)
             assert pepper.statistics.ticks == ticks
-    assert MAX_BACKLOG > 0
+            with pytest.raises(TelemetryError, match="ended"):
+                receive_until(silent, Kind.TICK)
 
 
 def test_requests_are_done_and_answered() -> None:

@@ -1,4 +1,4 @@
-"""What the page may ask of a robot: of a simulated one all, of a real one that it stops."""
+"""Requests of the page: all of them on a simulated robot, only the stop on a real one."""
 
 from __future__ import annotations
 

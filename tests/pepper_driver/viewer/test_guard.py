@@ -1,4 +1,4 @@
-"""Who may see the page: those who have its whole address, from that page alone."""
+"""Access to the page: with its whole address, and from that page alone."""
 
 from __future__ import annotations
 

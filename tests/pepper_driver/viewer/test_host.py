@@ -1,4 +1,4 @@
-"""A robot that runs for its page: what it plays, how it begins anew, and what it refuses."""
+"""A robot that runs for its page: what it plays, how it starts again, and what it refuses."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_it_begins_anew_with_what_the_page_chose(tmp_path: Path) -> None:
     host.perform("restart", RESTART)
     wait_for(lambda: len(begun) == 2 and begun[1].state.value == "active")
     assert begun[0].state.value == "inactive"
-    begun[1].emergency_stop("enough")  # a stop waits for the page to begin anew
+    begun[1].emergency_stop("enough")  # a stop waits for the page to start again
     time.sleep(0.5)
     assert thread.is_alive()
     host.perform("restart", RESTART)
