@@ -1,0 +1,97 @@
+"""OpenGL without a display: what draws here, and what to install where nothing does."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from functools import lru_cache
+from importlib import import_module
+from typing import Any
+
+from pepper_driver.config import ConfigError, PepperError
+
+VARIABLE = "MUJOCO_GL"
+"""Environment variable with which MuJoCo is told what to draw with."""
+
+OFF_SCREEN = ("egl", "osmesa")
+"""What is tried where the variable is not set: the first uses a graphics processor where there is one."""
+
+KNOWN = ("cgl", "egl", "enable", "enabled", "glfw", "glx", "on", "osmesa", "true", "wgl", "1")
+"""Values of the variable with which MuJoCo draws."""
+
+PROBE_TIME = 60.0
+"""[s] within which a library must have said whether it draws."""
+
+_PROBE = "from mujoco.{} import GLContext; GLContext(8, 8).make_current()"
+
+
+class RenderError(PepperError, RuntimeError):
+    """A picture or film cannot be drawn."""
+
+
+def make_context(width: int, height: int) -> Any:  # noqa: ANN401 MuJoCo has no types
+    """Return an OpenGL context without a window, current on this thread; its owner frees it.
+
+    Args:
+        width: Of its pictures, in pixels.
+        height: The same.
+
+    Raises:
+        ConfigError: The variable names nothing that draws.
+        RenderError: Nothing draws here.
+    """
+    chosen = check_variable()
+    try:
+        # MuJoCo reads the variable when it is imported, which is long ago; it is asked for by name where it is not set.
+        module = "mujoco" if chosen or sys.platform != "linux" else f"mujoco.{_off_screen()}"
+        context = import_module(module).GLContext(width, height)
+        context.make_current()
+    except RenderError:
+        raise
+    except Exception as error:  # of PyOpenGL and of drivers: anything
+        raise RenderError(_nothing_draws((chosen or "OpenGL",))) from error
+    return context
+
+
+def check_variable() -> str:
+    """Return the value of the variable, empty where it is not set.
+
+    Raises:
+        ConfigError: It names nothing that draws.
+    """
+    chosen = os.environ.get(VARIABLE, "").strip().lower()
+    if chosen and chosen not in KNOWN:
+        raise ConfigError(
+            f"environment variable {VARIABLE}: '{chosen}' does not draw; use {' or '.join(OFF_SCREEN)}, or unset it"
+        )
+    return chosen
+
+
+@lru_cache(maxsize=1)
+def _off_screen() -> str:
+    """Return the first of ``OFF_SCREEN`` that draws.
+
+    In processes of their own: one that has loaded a library in vain cannot load another.
+    """
+    for name in OFF_SCREEN:
+        try:
+            done = subprocess.run(
+                [sys.executable, "-c", _PROBE.format(name)],
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                timeout=PROBE_TIME,
+                check=False,
+            )
+        except (OSError, subprocess.TimeoutExpired):
+            continue
+        if done.returncode == 0:
+            return name
+    raise RenderError(_nothing_draws(OFF_SCREEN))
+
+
+def _nothing_draws(tried: tuple[str, ...]) -> str:
+    return (
+        f"nothing draws without a display here (tried {', '.join(tried)}); on Debian or Ubuntu install "
+        "libegl1 and libgl1-mesa-dri, or libosmesa6"
+    )
