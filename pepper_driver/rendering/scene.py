@@ -33,7 +33,7 @@ from pepper_driver.viewer.picture import Picture
 View = Literal["front", "left", "right", "back"]
 
 AZIMUTHS: dict[View, float] = {"front": 200.0, "left": 270.0, "right": 90.0, "back": 20.0}
-"""Direction of view [deg] about the vertical, from that of the robot at first; front and back a little from its left."""
+"""Direction of view [deg] about the vertical, counted from the robot's; front and back a little from its left."""
 
 ELEVATION, FIELD_OF_VIEW, DISTANCE, EYE_HEIGHT = -9.0, 28.0, 3.15, 0.64
 """[deg], [deg], [m], [m]: the robot with an arm raised fills the height of the picture."""

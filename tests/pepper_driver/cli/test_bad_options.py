@@ -322,7 +322,7 @@ CASES: list[tuple[str, str]] = [
     ("plot none.mcap", "none.mcap: cannot be read (there is no such file)"),
     ("plot folder", "folder: cannot be read (it is a folder)"),
     ("plot text", "text: is not an MCAP file"),
-    ("plot run.mcap", "the log holds no tick to plot"),
+    ("plot run.mcap", "the log holds no tick to draw"),
     ("plot run.mcap --from nan", "option '--from': must be a finite number, got nan"),
     ("plot run.mcap --from -inf", "option '--from': must be a finite number, got -inf"),
     ("plot run.mcap --from soon", "option '--from': must be a number, got 'soon'"),
