@@ -439,6 +439,7 @@ class GrabForces(Resumable):
     def take(self, grab: Grab, lock: AbstractContextManager[object]) -> LiveHand:
         """Close a hand that is moved later; raises as :meth:`Backend.take_hand` says."""
         grip = _LiveGrip(self._schedule(grab, live=True))
+        grip.where = self._place(grip.hand)  # to be moved from, before the first step
         self._pending.append(grip)
         return LiveHand(self, grip, lock)
 
@@ -560,8 +561,14 @@ class GrabForces(Resumable):
         mujoco.mj_comPos(mj, data)
         mujoco.mj_makeM(mj, data)
         mujoco.mj_factorM(mj, data)
-        where = data.xpos[hand.body] + data.xmat[hand.body].reshape(3, 3) @ hand.point
-        return _LARGEST_STIFFNESS * self._lightest(hand.body, where) / float(mj.opt.timestep) ** 2
+        mass = self._lightest(hand.body, self._place(hand))
+        return _LARGEST_STIFFNESS * mass / float(mj.opt.timestep) ** 2
+
+    def _place(self, hand: ScheduledGrab) -> FloatArray:
+        """(3,) where a hand holds, in the world [m], by the kinematics that MuJoCo holds."""
+        rotation = self._data.xmat[hand.body].reshape(3, 3)
+        place: FloatArray = self._data.xpos[hand.body] + rotation @ hand.point
+        return place
 
     def _lightest(self, body: int, where: FloatArray) -> float:
         """Mass [kg] of a body at a point of the world in its lightest direction: 1 / max eig(J M^-1 J^T)."""

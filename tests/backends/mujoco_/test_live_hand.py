@@ -44,6 +44,13 @@ def run(backend: MujocoBackend, seconds: float, hand: Hand | None = None, goal: 
         backend.exchange(hold)
 
 
+def test_its_place_is_known_before_the_first_step(backend: MujocoBackend) -> None:
+    place = backend.truth.link_pose("LForeArm") @ [0.1, 0.0, 0.0, 1.0]
+    hand = backend.take_hand("LForeArm", [0.1, 0.0, 0.0])
+    assert hand.point == pytest.approx(place[:3], abs=1e-6)
+    assert hand.position == pytest.approx(hand.point)
+
+
 def test_its_force_is_that_of_its_spring(backend: MujocoBackend) -> None:
     hand = backend.take_hand("torso", [0.1, 0.0, 0.2], stiffness=1000.0)
     run(backend, CYCLE)
@@ -100,7 +107,7 @@ def test_a_hand_that_no_one_moves_lets_go(backend: MujocoBackend) -> None:
 
 def test_released_it_fades_at_once_and_another_may_take_the_link(backend: MujocoBackend) -> None:
     hand = backend.take_hand("torso")
-    run(backend, 1.0, hand, hand.point + np.array([0.05, 0.0, 0.0]))
+    run(backend, 1.0, hand, hand.point + np.array([0.02, 0.0, 0.0]))
     before = np.linalg.norm(hand.force)
     with pytest.raises(CommandError, match="already holds torso"):
         backend.take_hand("torso")
