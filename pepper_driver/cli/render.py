@@ -11,21 +11,28 @@ from pepper_driver.cli.console import check_outputs, finite, make_console, make_
 from pepper_driver.cli.log import LogArgument
 from pepper_driver.config.errors import ArgumentError
 from pepper_driver.log import read_log
+from pepper_driver.rendering import View
 from pepper_driver.rendering.film import (
     DEFAULT_SIZE,
     Film,
     check_numbers,
     check_output,
 )
-from pepper_driver.rendering.scene import View
 
 
 def as_size(text: str) -> tuple[int, int]:
     """Return width and height of ``WxH``."""
-    width, _, height = text.lower().partition("x")
-    if not (width.isdecimal() and height.isdecimal()):
-        raise typer.BadParameter(f"must be WIDTHxHEIGHT such as 1280x720, got '{text}'")
+    width, height = text.lower().split("x")
     return int(width), int(height)
+
+
+def is_size(text: str) -> str:
+    """Refuse an option that is not ``WxH``."""
+    try:
+        as_size(text)
+    except ValueError as error:
+        raise typer.BadParameter(f"must be WxH, such as 1280x720, got '{text}'") from error
+    return text
 
 
 def render(
@@ -64,7 +71,10 @@ def render(
         float, typer.Option(metavar="X", help="Times real time.", callback=finite)
     ] = 1.0,
     size: Annotated[
-        str, typer.Option(metavar="WxH", help="Width and height in pixels, even numbers.")
+        str,
+        typer.Option(
+            metavar="WxH", help="Width and height in pixels, even numbers.", callback=is_size
+        ),
     ] = f"{DEFAULT_SIZE[0]}x{DEFAULT_SIZE[1]}",
     view: Annotated[View, typer.Option(help="Side from which the robot is seen.")] = "front",
     joints: Annotated[

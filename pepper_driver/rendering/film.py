@@ -23,9 +23,9 @@ from pepper_driver.log import RunLog
 from pepper_driver.log.base_path import base_path
 from pepper_driver.log.plots import rows_between
 from pepper_driver.observer import Contact
-from pepper_driver.rendering.gl import RenderError, check_variable
+from pepper_driver.rendering import View
+from pepper_driver.rendering.gl import RenderError, check_gl
 from pepper_driver.rendering.panel import MAX_JOINTS, SignalPanel, joints_to_show
-from pepper_driver.rendering.scene import SceneRenderer, View
 from pepper_driver.viewer.picture import Picture, picture_of
 
 if TYPE_CHECKING:
@@ -174,14 +174,14 @@ def check_output(path: Path) -> str:
     Raises:
         UnknownNameError: There is no such format.
         MissingExtraError: The extra ``video`` is not installed.
-        ConfigError: An environment variable says that nothing draws.
+        PepperError: Nothing draws here.
     """
     form = path.suffix.lower().removeprefix(".")
     if form not in FORMATS:
         raise UnknownNameError("film format", path.suffix.removeprefix("."), FORMATS)
     if any(find_spec(module) is None for module in NEEDED):
         raise MissingExtraError("rendering", "video")
-    check_variable()
+    check_gl()
     return form
 
 
@@ -231,6 +231,9 @@ class Frames:
     """
 
     def __init__(self, film: Film) -> None:
+        # Only now: importing MuJoCo fails where an environment variable asks for a library that is not there.
+        from pepper_driver.rendering.scene import SceneRenderer
+
         self._log, log = film.log, film.log
         self._base, self._tilt = base_path(log)
         self._ticks = log["time"].tolist()

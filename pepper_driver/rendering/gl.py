@@ -8,6 +8,7 @@ import sys
 from functools import lru_cache
 from importlib import import_module
 from typing import Any
+from warnings import catch_warnings, simplefilter
 
 from pepper_driver.config import ConfigError, PepperError
 
@@ -41,31 +42,48 @@ def make_context(width: int, height: int) -> Any:  # noqa: ANN401 MuJoCo has no 
         ConfigError: The variable names nothing that draws.
         RenderError: Nothing draws here.
     """
-    chosen = check_variable()
+    chosen = check_gl()
     try:
-        # MuJoCo reads the variable when it is imported, which is long ago; it is asked for by name where it is not set.
+        # MuJoCo read the variable when it was imported; where it is not set, the library is asked for by name.
         module = "mujoco" if chosen or sys.platform != "linux" else f"mujoco.{_off_screen()}"
-        context = import_module(module).GLContext(width, height)
-        context.make_current()
+        with catch_warnings():
+            simplefilter("ignore")  # GLFW warns of what the error says
+            context = import_module(module).GLContext(width, height)
+            context.make_current()
     except RenderError:
         raise
     except Exception as error:  # of PyOpenGL and of drivers: anything
-        raise RenderError(_nothing_draws((chosen or "OpenGL",))) from error
+        raise RenderError(nothing_draws()) from error
     return context
 
 
-def check_variable() -> str:
-    """Return the value of the variable, empty where it is not set.
+def check_gl() -> str:
+    """Return the value of the variable, empty where it is not set; MuJoCo is imported, which fails where it is wrong.
 
     Raises:
         ConfigError: It names nothing that draws.
+        RenderError: What it names cannot be loaded.
     """
     chosen = os.environ.get(VARIABLE, "").strip().lower()
     if chosen and chosen not in KNOWN:
         raise ConfigError(
             f"environment variable {VARIABLE}: '{chosen}' does not draw; use {' or '.join(OFF_SCREEN)}, or unset it"
         )
+    try:
+        import_module("mujoco")
+    except Exception as error:  # of PyOpenGL: anything
+        raise RenderError(nothing_draws()) from error
     return chosen
+
+
+def nothing_draws() -> str:
+    """Return the message that nothing draws here: what was tried, and what to install."""
+    chosen = os.environ.get(VARIABLE)
+    tried = f"{VARIABLE} is {chosen}" if chosen else f"tried {', '.join(OFF_SCREEN)}"
+    return (
+        f"nothing draws without a display here ({tried}); on Debian or Ubuntu install libegl1 and libgl1-mesa-dri, "
+        f"or libosmesa6, and leave {VARIABLE} unset"
+    )
 
 
 @lru_cache(maxsize=1)
@@ -87,11 +105,4 @@ def _off_screen() -> str:
             continue
         if done.returncode == 0:
             return name
-    raise RenderError(_nothing_draws(OFF_SCREEN))
-
-
-def _nothing_draws(tried: tuple[str, ...]) -> str:
-    return (
-        f"nothing draws without a display here (tried {', '.join(tried)}); on Debian or Ubuntu install "
-        "libegl1 and libgl1-mesa-dri, or libosmesa6"
-    )
+    raise RenderError(nothing_draws())

@@ -67,6 +67,8 @@ class SignalPanel:
         for axes, joint in zip(panels, joints, strict=True):
             axes.set_xlim(start, stop)
             _draw_residual(log, joint, axes, size)
+        _set_limits(log, joints, panels)
+        for axes, joint in zip(panels, joints, strict=True):
             mark_pushes(log, joint, axes)
             mark_contacts(log, joint, axes)
             _name_contacts(log, joint, axes, size)
@@ -98,8 +100,9 @@ class SignalPanel:
 
 
 def joints_to_show(log: RunLog, start: float, stop: float) -> list[str]:
-    """Return the joints on which contacts were felt in a stretch of time, those with most; without any, the joint that
-    came nearest to its threshold, and none where nothing was observed.
+    """Return the joints on which most contacts were felt in a stretch of time, in joint order.
+
+    Without contacts it is the joint that came nearest to its threshold, and none where nothing was observed.
     """
     felt = Counter(
         contact.joint
@@ -128,10 +131,6 @@ def _draw_residual(log: RunLog, joint: str, axes: Axes, size: float) -> None:
     axes.plot(time, residual, color=BLACK, linewidth=1.3, label="residual")
     for sign in (1.0, -1.0):
         axes.plot(time, sign * threshold, "--", color=RED, linewidth=1.1, label="threshold")
-    both = np.abs(np.concatenate((residual, threshold)))
-    reach = float(np.max(both, initial=0.0, where=np.isfinite(both)))
-    if reach > 0.0:
-        axes.set_ylim(-1.3 * reach, 1.3 * reach)  # names of contacts stand above
     axes.set_title(
         f"{_words(load_robot().limb_of(joint))}: {joint}", fontsize=size, parse_math=False
     )
@@ -141,12 +140,24 @@ def _draw_residual(log: RunLog, joint: str, axes: Axes, size: float) -> None:
     axes.set_axisbelow(True)
 
 
+def _set_limits(log: RunLog, joints: Sequence[str], panels: Sequence[Axes]) -> None:
+    """Give joints of the same unit the same limits, symmetric and with room for names of contacts."""
+    for hands in (False, True):
+        alike = [a for a, j in zip(panels, joints, strict=True) if (j in log.hand_joints) == hands]
+        values = [np.abs(np.asarray(line.get_ydata())) for axes in alike for line in axes.lines]
+        reach = max((float(np.nanmax(v)) for v in values if np.isfinite(v).any()), default=0.0)
+        for axes in alike if reach > 0.0 else ():
+            axes.set_ylim(-1.3 * reach, 1.3 * reach)
+
+
 def _name_contacts(log: RunLog, joint: str, axes: Axes, size: float) -> None:
-    """Write into the area of each contact of a joint where it was felt."""
+    """Write the link into the area of each contact of a joint; rebounds are hatched, and would lie over the next."""
     first, last = axes.get_xlim()
     for contact, end in log.lasting_contacts():
         begin, end = max(contact.onset_time, first), min(end, last)
-        if contact.joint == joint and end - begin > MIN_NAMED * (last - first):
+        if contact.kind == "rebound" or contact.joint != joint:
+            continue
+        if end - begin > MIN_NAMED * (last - first):
             axes.text(
                 0.5 * (begin + end),
                 0.96,

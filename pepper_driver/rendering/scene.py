@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Literal, Self
+from typing import Self
 
 import mujoco
 import numpy as np
@@ -14,7 +14,8 @@ from pepper_driver.config.arrays import BoolArray, FloatArray, PixelArray
 from pepper_driver.config.visuals import load_visuals
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.observer import Contact
-from pepper_driver.rendering.gl import RenderError, make_context
+from pepper_driver.rendering import View
+from pepper_driver.rendering.gl import RenderError, make_context, nothing_draws
 from pepper_driver.viewer.drawing import (
     GHOST_COLOR,
     GHOST_OPACITY,
@@ -22,15 +23,12 @@ from pepper_driver.viewer.drawing import (
     Arrow,
     centres_of,
     configuration,
-    force_arrow,
     glow,
     glowing,
     rotation_of_tilt,
     touch_arrows,
 )
 from pepper_driver.viewer.picture import Picture
-
-View = Literal["front", "left", "right", "back"]
 
 AZIMUTHS: dict[View, float] = {"front": 200.0, "left": 270.0, "right": 90.0, "back": 20.0}
 """Direction of view [deg] about the vertical, counted from the robot's; front and back a little from its left."""
@@ -43,6 +41,12 @@ GHOST_DISTANCE, GHOST_ANGLE = 0.01, 0.05
 
 SHAFT_RADIUS = 0.012
 """[m] of an arrow."""
+
+MAX_ARROW = 0.4
+"""[m] A longer arrow would leave the picture; it is shortened."""
+
+ARROW_SCALE = 2.0
+"""MuJoCo draws an arrow half as long as its connector is."""
 
 _SHAPES = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
@@ -131,7 +135,7 @@ class SceneRenderer:
             mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._target)
         except mujoco.FatalError as error:  # the driver cannot do what MuJoCo needs
             self._context.free()
-            raise RenderError(f"OpenGL of this machine cannot draw the robot ({error})") from error
+            raise RenderError(nothing_draws()) from error
         self._rectangle = mujoco.MjrRect(0, 0, width, height)
         self._options = mujoco.MjvOption()
         self._camera = mujoco.MjvCamera()
@@ -178,10 +182,8 @@ class SceneRenderer:
         poses = self._poses(picture.position, picture)
         self._add_robot(poses, picture)
         for contact in contacts:
-            for _, arrow in touch_arrows(contact, self._robot, self._link_pose, self._centres):
-                self._add_arrow(arrow)
-        for force in picture.forces:
-            self._add_arrow(force_arrow(force))
+            arrows = touch_arrows(contact, self._robot, self._link_pose, self._centres)
+            self._add_arrow(next(arrows)[1])  # without that of its deviation
         self._add_ghost(commanded, _apart(commanded, poses))
         self._context.make_current()
         mujoco.mjr_render(self._rectangle, self._scene, self._target)
@@ -231,10 +233,13 @@ class SceneRenderer:
     def _add_arrow(self, arrow: Arrow) -> None:
         color = np.array([*np.array(arrow.color) / 255.0, 1.0])
         geom = self._add(mujoco.mjtGeom.mjGEOM_ARROW, np.zeros(3), np.eye(4), color)
+        way = arrow.end - arrow.start
+        length = ARROW_SCALE * min(1.0, MAX_ARROW / max(float(np.linalg.norm(way)), 1e-9))
+        tip = arrow.start + length * way
         mujoco.mjv_connector(
-            geom, mujoco.mjtGeom.mjGEOM_ARROW.value, SHAFT_RADIUS, arrow.start, arrow.end
+            geom, mujoco.mjtGeom.mjGEOM_ARROW.value, SHAFT_RADIUS, arrow.start, tip
         )
-        geom.emission = 0.4
+        geom.emission, geom.castshadow = 0.4, 0
 
     def _add(
         self, shape: mujoco.mjtGeom, size: FloatArray, pose: FloatArray, color: FloatArray
