@@ -11,9 +11,9 @@ from pepper_driver import Comply, Contact, Pepper
 
 POSTURE = {"LShoulderPitch": 0.9, "LShoulderRoll": 0.25, "LElbowRoll": -0.8}  # [rad]
 WAY = np.array([0.05, 0.28, 0.22])  # [m] of the hand: forward, to the robot's left, up
-RISE, HOLD = 2.0, 0.6  # [s]
+RISE, HOLD = 2.0, 0.8  # [s]
 
-pepper = Pepper("mujoco", reflexes=[Comply()], log="drag.mcap")
+pepper = Pepper("mujoco", reflexes=[Comply(gain=0.9)], log="drag.mcap")
 
 
 @pepper.on_contact()
@@ -33,4 +33,4 @@ with pepper:
         pepper.step()
     print(f"the arm was led {1000 * np.linalg.norm(hand.point - start):.0f} mm")
     hand.release()
-    pepper.run(2.0)
+    pepper.run(2.2)

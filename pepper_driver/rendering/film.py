@@ -53,7 +53,7 @@ CAPTION_HEIGHT = 0.034
 """Letters, as a fraction of the picture's height."""
 TEXT_COLOR, FELT_COLOR, FAINT_COLOR = (40, 44, 52), (200, 60, 0), (120, 126, 136)
 
-PALETTE_SAMPLES = 8
+PALETTE_SAMPLES = 12
 """Frames from which the colours of a GIF are chosen."""
 PALETTE_COLORS = 255
 """One of 256 is left to Pillow for what does not change."""
@@ -355,10 +355,11 @@ def _write_gif(
     path: Path, frames: Frames, times: FloatArray, fps: float, on_frame: Callable[[], None]
 ) -> None:
     """Write a GIF whose frames share one palette: with one each, still parts would flicker."""
+    from PIL.Image import Quantize
+
     samples = times[np.unique(np.linspace(0, len(times) - 1, PALETTE_SAMPLES).round().astype(int))]
-    palette = _as_image(np.concatenate([frames.draw(t) for t in samples.tolist()])).quantize(
-        PALETTE_COLORS
-    )
+    seen = _as_image(np.concatenate([frames.draw(t) for t in samples.tolist()]))
+    palette = seen.quantize(PALETTE_COLORS, Quantize.FASTOCTREE)  # keeps rare colours: what glows
 
     def images() -> Iterator[Image]:
         for time in times.tolist():

@@ -21,6 +21,8 @@ GHOST_OPACITY, GHOST_SCALE = 0.25, 0.96
 GHOST_COLOR = (60, 120, 220)
 GLOW = (255, 90, 0)
 """Colour of a limb whose residual is at twice its threshold."""
+MIN_GLOW = 0.35
+"""Of a limb whose residual is just above its threshold, as a fraction: less would not be seen."""
 FORCE_COLOR, TOUCH_COLOR, STD_COLOR = (30, 130, 60), (220, 40, 40), (240, 170, 170)
 FORCE_LENGTH = 0.01
 """[m] of an arrow per newton."""
@@ -54,7 +56,8 @@ def configuration(model: RobotModel, position: FloatArray, base: FloatArray) -> 
 
 def glow(excess: FloatArray) -> FloatArray:
     """Return how far links glow, 0 to 1, by the size of their residuals over the thresholds."""
-    return np.clip(excess - 1.0, 0.0, 1.0)
+    above = MIN_GLOW + (1.0 - MIN_GLOW) * np.clip(excess - 1.0, 0.0, 1.0)
+    return np.where(excess > 1.0, above, 0.0)
 
 
 def glowing(color: FloatArray, ratio: float) -> FloatArray:
