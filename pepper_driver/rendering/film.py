@@ -37,8 +37,8 @@ NEEDED = ("imageio_ffmpeg", "PIL", "matplotlib")
 """Modules of the extra ``video``."""
 
 DEFAULT_SIZE = (1280, 720)
-MIN_SIZE, MAX_SIZE = (200, 150), (3840, 2160)
-"""Width and height in pixels."""
+MIN_SIDE, MAX_SIDE = 360, 3840
+"""Width and height in pixels: less has no room for signals, more is beyond what drivers draw."""
 MAX_FPS = 100.0
 MAX_GIF_FPS = 50.0
 """Browsers show faster ones slowly."""
@@ -82,7 +82,7 @@ class Film:
     Raises:
         UnknownNameError: No such joint.
         LogError: The log has no tick, or none at that time.
-        RenderError: A number is out of its bounds, or the log is of another robot.
+        RenderError: A number is out of its bounds, a joint was not observed, or the log is of another robot.
     """
 
     def __init__(
@@ -105,7 +105,11 @@ class Film:
             raise RenderError(f"{len(set(joints))} joints: at most {MAX_JOINTS} have room")
         for joint in joints:
             check_name("joint", joint, log.joint_names)
-        time = log["time"][rows_between(log, start, stop)]
+        rows = rows_between(log, start, stop)
+        for joint in joints:
+            if np.isnan(log["residual"][rows, log.joint_names.index(joint)]).all():
+                raise RenderError(f"{joint} was not observed then: it has no residual to show")
+        time = log["time"][rows]
         self.log, self.fps, self.view, self.size = log, fps, view, size
         self.start, self.stop = float(time[0]), max(float(time[-1]), float(time[0]) + TICK)
         self.joints = list(dict.fromkeys(joints)) or joints_to_show(log, self.start, self.stop)
@@ -197,10 +201,10 @@ def check_numbers(fps: float, speed: float, size: tuple[int, int]) -> None:
         raise RenderError(
             f"speed {speed:g}: must be {MIN_SPEED:g} to {MAX_SPEED:g} times real time"
         )
-    fits = all(low <= n <= high for low, n, high in zip(MIN_SIZE, size, MAX_SIZE, strict=True))
-    if not fits or any(n % 2 for n in size):
-        bounds = " to ".join(f"{width}x{height}" for width, height in (MIN_SIZE, MAX_SIZE))
-        raise RenderError(f"size {size[0]}x{size[1]}: must be even numbers of pixels, {bounds}")
+    if any(n % 2 or not MIN_SIDE <= n <= MAX_SIDE for n in size):
+        raise RenderError(
+            f"size {size[0]}x{size[1]}: both must be even numbers, {MIN_SIDE} to {MAX_SIDE}"
+        )
 
 
 def check_gif(frames: int, fps: float) -> None:

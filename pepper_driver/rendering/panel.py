@@ -23,7 +23,10 @@ MAX_JOINTS = 3
 
 DPI = 100
 FONT_SIZE = 9.0
-"""[pt] where the panel is 480 pixels high."""
+"""[pt] where the shorter side of the panel has 480 pixels."""
+
+MIN_TWO_COLUMNS = 52.0
+"""Width of the panel from which the legend has two columns, in pixels for each point of the letters."""
 
 CURSOR = np.array([220, 40, 40], dtype=np.uint8)
 CURSOR_WIDTH = 2
@@ -58,27 +61,14 @@ class SignalPanel:
         height: int,
     ) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
 
-        figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI, layout="constrained")
+        figure = residual_figure(log, joints, start, stop, width, height)
         canvas = FigureCanvasAgg(figure)
-        panels: list[Axes] = list(figure.subplots(len(joints), 1, sharex=True, squeeze=False)[:, 0])
-        size = float(np.clip(FONT_SIZE * height / 480.0, 6.0, 16.0))
-        for axes, joint in zip(panels, joints, strict=True):
-            axes.set_xlim(start, stop)
-            _draw_residual(log, joint, axes, size)
-        _set_limits(log, joints, panels)
-        for axes, joint in zip(panels, joints, strict=True):
-            mark_pushes(log, joint, axes)
-            mark_contacts(log, joint, axes)
-            _name_contacts(log, joint, axes, size)
-        panels[-1].set_xlabel("time [s]", fontsize=size)
-        _add_legend(figure, panels, size)
         canvas.draw()
         self._all = np.asarray(canvas.buffer_rgba())[..., :3].copy()
         self._later = self._all.copy()
         self._boxes: list[tuple[int, int]] = []
-        for axes in panels:
+        for axes in figure.axes:
             box = axes.get_window_extent()
             left, right = round(box.x0), round(box.x1)
             top, bottom = height - round(box.y1), height - round(box.y0)
@@ -97,6 +87,28 @@ class SignalPanel:
         for top, bottom in self._boxes:
             pixels[top:bottom, max(0, x - CURSOR_WIDTH // 2) :][:, :CURSOR_WIDTH] = CURSOR
         return pixels
+
+
+def residual_figure(
+    log: RunLog, joints: Sequence[str], start: float, stop: float, width: int, height: int
+) -> Figure:
+    """Return a figure with the residuals of joints, one below the other; the arguments are those of the panel."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI, layout="constrained")
+    panels: list[Axes] = list(figure.subplots(len(joints), 1, sharex=True, squeeze=False)[:, 0])
+    size = float(np.clip(FONT_SIZE * min(height, width) / 480.0, 6.0, 16.0))
+    for axes, joint in zip(panels, joints, strict=True):
+        axes.set_xlim(start, stop)
+        _draw_residual(log, joint, axes, size)
+    _set_limits(log, joints, panels)
+    for axes, joint in zip(panels, joints, strict=True):
+        mark_pushes(log, joint, axes)
+        mark_contacts(log, joint, axes)
+        _name_contacts(log, joint, axes, size)
+    panels[-1].set_xlabel("time [s]", fontsize=size)
+    _add_legend(figure, panels, size)
+    return figure
 
 
 def joints_to_show(log: RunLog, start: float, stop: float) -> list[str]:
@@ -180,7 +192,7 @@ def _add_legend(figure: Figure, panels: Sequence[Axes], size: float) -> None:
         list(entries.values()),
         list(entries),
         loc="outside lower center",
-        ncols=2,
+        ncols=2 if figure.get_figwidth() * DPI > MIN_TWO_COLUMNS * size else 1,
         frameon=False,
         fontsize=0.85 * size,
     )
