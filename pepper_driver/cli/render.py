@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from pepper_driver.cli.console import check_outputs, finite, make_console, make_progress
+from pepper_driver.cli.console import finite, make_console, make_progress
 from pepper_driver.cli.log import LogArgument
 from pepper_driver.config.errors import ArgumentError
 from pepper_driver.log import read_log
@@ -93,7 +93,6 @@ def render(
     check_numbers(fps, speed, pixels)
     if at is not None and form != "png":
         raise ArgumentError(f"--at is for a PNG, and {out.name} is a film: use --from and --to")
-    check_outputs(out)
     film = Film(
         read_log(log),
         start=start,

@@ -18,7 +18,7 @@ import numpy as np
 from pepper_driver.config import MissingExtraError, RobotConfig, UnknownNameError, load_robot
 from pepper_driver.config.arrays import FloatArray, PixelArray
 from pepper_driver.config.errors import check_name
-from pepper_driver.config.files import replacing
+from pepper_driver.config.files import check_writable, replacing
 from pepper_driver.log import RunLog
 from pepper_driver.log.base_path import base_path
 from pepper_driver.log.plots import rows_between
@@ -179,6 +179,7 @@ def check_output(path: Path) -> str:
         UnknownNameError: There is no such format.
         MissingExtraError: The extra ``video`` is not installed.
         PepperError: Nothing draws here.
+        OutputError: The file cannot be written.
     """
     form = path.suffix.lower().removeprefix(".")
     if form not in FORMATS:
@@ -186,6 +187,7 @@ def check_output(path: Path) -> str:
     if any(find_spec(module) is None for module in NEEDED):
         raise MissingExtraError("rendering", "video")
     check_gl()
+    check_writable(path)
     return form
 
 
