@@ -14,6 +14,7 @@ from pepper_driver.log import read_log
 from pepper_driver.rendering import View
 from pepper_driver.rendering.film import (
     DEFAULT_SIZE,
+    MAX_FPS,
     Film,
     check_numbers,
     check_output,
@@ -65,8 +66,8 @@ def render(
         ),
     ] = None,
     fps: Annotated[
-        float, typer.Option(metavar="N", help="Frames a second.", callback=finite)
-    ] = 25.0,
+        int, typer.Option(metavar="N", min=1, max=round(MAX_FPS), help="Frames a second.")
+    ] = 25,
     speed: Annotated[
         float, typer.Option(metavar="X", help="Times real time.", callback=finite)
     ] = 1.0,

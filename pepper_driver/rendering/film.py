@@ -114,7 +114,7 @@ class Film:
         self.start, self.stop = float(time[0]), max(float(time[-1]), float(time[0]) + TICK)
         self.joints = list(dict.fromkeys(joints)) or joints_to_show(log, self.start, self.stop)
         count = max(1, round((self.stop - self.start) / speed * fps))
-        self.times: FloatArray = self.start + np.arange(count) * speed / fps
+        self.times: FloatArray = self.start + np.arange(count, dtype=np.float64) * (speed / fps)
 
     def write(self, path: Path, on_frame: Callable[[], None] = lambda: None) -> None:
         """Write the film; an existing file is replaced at the end, and stays if this fails or is interrupted.
@@ -361,7 +361,7 @@ def _write_gif(
     path: Path, frames: Frames, times: FloatArray, fps: float, on_frame: Callable[[], None]
 ) -> None:
     """Write a GIF whose frames share one palette: with one each, still parts would flicker."""
-    from PIL.Image import Quantize
+    from PIL.Image import Dither, Quantize
 
     samples = times[np.unique(np.linspace(0, len(times) - 1, PALETTE_SAMPLES).round().astype(int))]
     seen = _as_image(np.concatenate([frames.draw(t) for t in samples.tolist()]))
@@ -369,7 +369,7 @@ def _write_gif(
 
     def images() -> Iterator[Image]:
         for time in times.tolist():
-            yield _as_image(frames.draw(time)).quantize(palette=palette, dither=0)
+            yield _as_image(frames.draw(time)).quantize(palette=palette, dither=Dither.NONE)
             on_frame()
 
     # A GIF counts hundredths of a second: rounded one by one they add up to the film's length.

@@ -1,4 +1,4 @@
-"""OpenGL without a display: what draws here, and what to install where nothing does."""
+"""OpenGL without a display: the library that draws here, or the packages to install."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -63,7 +63,7 @@ class SignalPanel:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
 
         figure = residual_figure(log, joints, start, stop, width, height)
-        canvas = FigureCanvasAgg(figure)
+        canvas: Any = FigureCanvasAgg(figure)  # its methods have no types
         canvas.draw()
         self._all = np.asarray(canvas.buffer_rgba())[..., :3].copy()
         self._later = self._all.copy()

@@ -1,4 +1,4 @@
-"""What all drawings of the robot have in common: colours, postures, and arrows at touches."""
+"""Colours, postures, and arrows at touches: common to all drawings of the robot."""
 
 from __future__ import annotations
 

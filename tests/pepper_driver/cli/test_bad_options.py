@@ -339,8 +339,9 @@ CASES: list[tuple[str, str]] = [
     ("render run.mcap --out x.avi", "unknown film format 'avi' (possible: gif, mp4, png)"),
     ("render run.mcap --out pictures.png", "pictures.png: cannot be written (it is a folder)"),
     ("render run.mcap --out x.mp4 --at 1", "--at is for a PNG, and x.mp4 is a film: use --from"),
-    ("render run.mcap --out x.mp4 --fps 0", "0 frames a second: must be more than 0, at most 100"),
-    ("render run.mcap --out x.mp4 --fps nan", "option '--fps': must be a finite number, got nan"),
+    ("render run.mcap --out x.mp4 --fps 0", "option '--fps': must be"),
+    ("render run.mcap --out x.mp4 --fps 12.5", "option '--fps': must be"),
+    ("render run.mcap --out x.mp4 --speed nan", "option '--speed': must be a finite number"),
     ("render run.mcap --out x.mp4 --speed -1", "speed -1: must be 0.01 to 100 times real time"),
     ("render run.mcap --out x.mp4 --size big", "option '--size': must be WxH, such as 1280x720"),
     ("render run.mcap --out x.mp4 --size 641x480", "size 641x480: both must be even numbers, 360"),
@@ -473,7 +474,7 @@ def test_each_option_says_what_it_takes(command: str, parameter: Any) -> None:
     if parameter.param_type_name == "option" and not parameter.is_bool_flag:
         assert parameter.metavar or described.is_choice, "no word for what it takes"
     if described.annotation is float:
-        assert parameter.metavar == "SECONDS"
+        assert parameter.metavar == ("X" if parameter.name == "speed" else "SECONDS")
     if parameter.name == "workers":
         assert parameter.help == "Processes that work at the same time; by default one per core."
     takes_value = parameter.param_type_name == "option" and not parameter.is_bool_flag

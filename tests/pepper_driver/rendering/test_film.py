@@ -21,14 +21,30 @@ from PIL import Image
 from pepper_driver.cli.app import run
 from pepper_driver.config import MissingExtraError, UnknownNameError
 from pepper_driver.config.files import OutputError
-from pepper_driver.log import LogError, RunLog
+from pepper_driver.log import LogError, RunLog, read_log
 from pepper_driver.rendering import film as film_module
 from pepper_driver.rendering.film import Film, Frames, check_output
 from pepper_driver.rendering.gl import RenderError
 from support import ROOT
+from support.rendering import pushed_robot, require_gl
 
 SMALL = (480, 360)
 START, STOP = 3.9, 4.7
+
+
+@pytest.fixture(scope="module")
+def gl() -> None:
+    require_gl()
+
+
+@pytest.fixture(scope="module")
+def log_file(request: pytest.FixtureRequest) -> Path:
+    return pushed_robot(request)
+
+
+@pytest.fixture(scope="module")
+def log(log_file: Path) -> RunLog:
+    return read_log(log_file)
 
 
 def frames_of(path: Path) -> list[np.ndarray]:
@@ -36,7 +52,7 @@ def frames_of(path: Path) -> list[np.ndarray]:
     if path.suffix == ".gif":
         with Image.open(path) as image:
             shown = []
-            for number in range(image.n_frames):
+            for number in range(getattr(image, "n_frames", 0)):
                 image.seek(number)
                 shown.append(np.asarray(image.convert("RGB")))
             return shown
@@ -83,7 +99,7 @@ def test_the_file_has_all_frames_at_their_rate(log: RunLog, tmp_path: Path, suff
     if suffix == "gif":
         with Image.open(path) as image:
             total = 0
-            for number in range(image.n_frames):
+            for number in range(getattr(image, "n_frames", 0)):
                 image.seek(number)
                 total += image.info["duration"]
             assert image.info["loop"] == 0
@@ -159,7 +175,7 @@ def test_an_interrupted_film_leaves_what_was_there(
         started.append(popen(*args, **options))
         return started[-1]
 
-    monkeypatch.setattr(film_module.subprocess, "Popen", start)
+    monkeypatch.setattr(subprocess, "Popen", start)
     path = tmp_path / f"film.{suffix}"
     path.write_bytes(b"the old one")
     with pytest.raises(KeyboardInterrupt):

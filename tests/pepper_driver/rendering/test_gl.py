@@ -34,18 +34,18 @@ def drawing(*names: str) -> Any:
 
 
 def test_software_draws_where_no_graphics_processor_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module.subprocess, "run", drawing("osmesa"))
+    monkeypatch.setattr(subprocess, "run", drawing("osmesa"))
     assert module._off_screen() == "osmesa"
 
 
 def test_a_graphics_processor_goes_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module.subprocess, "run", drawing("osmesa", "egl"))
+    monkeypatch.setattr(subprocess, "run", drawing("osmesa", "egl"))
     assert module._off_screen() == "egl"
 
 
 @linux
 def test_where_nothing_draws_the_packages_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module.subprocess, "run", drawing())
+    monkeypatch.setattr(subprocess, "run", drawing())
     with pytest.raises(RenderError) as error:
         make_context(8, 8)
     text = str(error.value)
@@ -58,7 +58,7 @@ def test_a_library_that_never_answers_does_not_draw(monkeypatch: pytest.MonkeyPa
     def hang(command: list[str], **_: Any) -> None:
         raise subprocess.TimeoutExpired(command, 60.0)
 
-    monkeypatch.setattr(module.subprocess, "run", hang)
+    monkeypatch.setattr(subprocess, "run", hang)
     with pytest.raises(RenderError, match="nothing draws"):
         module._off_screen()
 

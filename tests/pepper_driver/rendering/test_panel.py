@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("matplotlib")
 from matplotlib.axes import Axes
 
-from pepper_driver.log import RunLog
+from pepper_driver.log import RunLog, read_log
 from pepper_driver.rendering.panel import (
     CURSOR,
     MAX_JOINTS,
@@ -18,9 +18,15 @@ from pepper_driver.rendering.panel import (
     joints_to_show,
     residual_figure,
 )
+from support.rendering import pushed_robot
 
 JOINTS = ["LShoulderRoll", "LElbowRoll", "LHand"]
 START, STOP = 3.8, 5.2
+
+
+@pytest.fixture(scope="module")
+def log(request: pytest.FixtureRequest) -> RunLog:
+    return read_log(pushed_robot(request))
 
 
 def lines(axes: Axes, label: str) -> list[np.ndarray]:

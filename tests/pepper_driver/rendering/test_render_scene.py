@@ -27,6 +27,7 @@ from pepper_driver.rendering.scene import (
 )
 from pepper_driver.viewer.drawing import FORCE_LENGTH, centres_of, touch_arrows
 from pepper_driver.viewer.picture import Picture
+from support.rendering import require_gl
 
 pytestmark = pytest.mark.usefixtures("gl")
 
@@ -51,6 +52,11 @@ def picture(**changes: Any) -> Picture:
         "tilt": np.zeros(2),
     }
     return Picture(**(values | changes))
+
+
+@pytest.fixture(scope="module")
+def gl() -> None:
+    require_gl()
 
 
 @pytest.fixture(scope="module")
