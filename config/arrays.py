@@ -10,6 +10,7 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 ShortArray = NDArray[np.int32]
 IndexArray = NDArray[np.intp]
+PixelArray = NDArray[np.uint8]
 StateArray = NDArray[np.int8]
 """Members of an ``IntEnum``, as logs have them."""
 

@@ -131,6 +131,12 @@ COMMANDS = {
         example="pepper plot run.mcap --joint LShoulderRoll --from 4 --to 6",
         docs="log.md",
     ),
+    "render": CommandEntry(
+        place="render:render",
+        summary="Make a film or a picture of a log: the robot, and beside it what its joints felt.",
+        example="pepper render run.mcap --out run.mp4 --from 4 --to 10 --view left",
+        docs="render.md",
+    ),
     "serve": CommandEntry(
         place="serve:serve",
         summary="Offer a simulated Pepper over NAOqi's protocol, in real time, until Ctrl-C.",

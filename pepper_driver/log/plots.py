@@ -243,7 +243,7 @@ def contact_figure(
         from matplotlib.figure import Figure
     except ImportError as error:
         raise MissingExtraError("plotting", "plot") from error
-    rows = _rows(log, start, stop)
+    rows = rows_between(log, start, stop)
     chosen = list(dict.fromkeys(joints)) if joints else _choose(log)
     for joint in chosen:
         if joint not in log.joint_names:
@@ -267,10 +267,19 @@ def contact_figure(
     return figure
 
 
-def _rows(log: RunLog, start: float | None, stop: float | None) -> BoolArray:
-    """(n,) which ticks to draw."""
+def rows_between(log: RunLog, start: float | None, stop: float | None) -> BoolArray:
+    """(n,) which ticks to draw.
+
+    Args:
+        log: What was recorded.
+        start: From when on, on the clock of the robot [s]; None from the first tick.
+        stop: Until when [s]; None to the last tick.
+
+    Raises:
+        LogError: There is none.
+    """
     if len(log) == 0:
-        raise LogError("the log holds no tick to plot")
+        raise LogError("the log holds no tick to draw")
     time = log["time"]
     first = -np.inf if start is None else start
     last = np.inf if stop is None else stop

@@ -16,25 +16,28 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.visuals import Visual, load_visuals
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.observer import Contact
-from pepper_driver.viewer.picture import Force, Picture
+from pepper_driver.viewer.drawing import (
+    GHOST_COLOR,
+    GHOST_OPACITY,
+    GHOST_SCALE,
+    Arrow,
+    centres_of,
+    configuration,
+    force_arrow,
+    glow,
+    glowing,
+    rotation_of_tilt,
+    touch_arrows,
+)
+from pepper_driver.viewer.picture import Picture
 
-GHOST_OPACITY, GHOST_SCALE = 0.25, 0.96
-"""A little smaller than the robot: it is seen only where the robot is not."""
-GHOST_COLOR = (60, 120, 220)
-GLOW = np.array([255.0, 90.0, 0.0])
-"""Colour of a limb whose residual is at twice its threshold."""
 GLOW_LEVELS = 8
-FORCE_COLOR, TOUCH_COLOR, STD_COLOR = (30, 130, 60), (220, 40, 40), (240, 170, 170)
-FORCE_LENGTH = 0.01
-"""[m] of an arrow per newton."""
 PATH_STEP = 0.02
 """[m] between two points of the path of the base."""
 PATH_POINTS = 1000
 PATH_COLOR = (90, 90, 160)
 RAY_STEPS, RAY_TOLERANCE = 200, 1e-4
 """Steps along a ray at most, and the distance [m] at which it has met a part."""
-MIN_LEVER = 0.05
-"""[m] A torque is shown as the force at the link's centre with this lever at least."""
 
 Handle = Any
 """A handle of viser's scene."""
@@ -43,12 +46,6 @@ Handle = Any
 def as_wxyz(rotation: FloatArray) -> FloatArray:
     """Return the quaternion of a rotation matrix."""
     return np.asarray(vtf.SO3.from_matrix(rotation).wxyz, dtype=np.float64)
-
-
-def rotation_of_tilt(tilt: FloatArray) -> FloatArray:
-    """Return the rotation matrix of pitch and roll of the base [rad], in this order."""
-    turn = vtf.SO3.from_y_radians(float(tilt[0])) @ vtf.SO3.from_x_radians(float(tilt[1]))
-    return np.asarray(turn.as_matrix(), dtype=np.float64)
 
 
 def signed_distance(visual: Visual, point: FloatArray) -> float:
@@ -127,8 +124,7 @@ class RobotTree:
         self._levels[link] = level
         share = level / GLOW_LEVELS
         for handle, color in self.parts[link]:
-            mixed = (1.0 - share) * color + share * GLOW
-            handle.color = tuple(int(value) for value in mixed)
+            handle.color = tuple(int(value) for value in glowing(color, share))
 
 
 def _add_shape(
@@ -178,13 +174,7 @@ class RobotScene:
         self.ghost = RobotTree(server, self._model, visuals, "/commanded", ghost=True)
         self.names: list[Handle] = []
         self._posing, self._tilt = threading.Lock(), np.zeros(2)
-        self._centres = {
-            link: np.mean(
-                [v.transform_visual_to_link[:3, 3] for v, _ in self.body.visuals if v.link == link],
-                axis=0,
-            )
-            for link in self.body.parts
-        }
+        self._centres = centres_of(visuals)
         self._path: list[FloatArray] = []
         self._path_handle: Handle | None = None
         self._arrows: dict[str, Handle] = {}
@@ -246,17 +236,19 @@ class RobotScene:
         with self._server.atomic():
             if self.ghost.root.visible:
                 self.ghost.update(
-                    self._configuration(picture.commanded, picture.base), picture.tilt
+                    configuration(self._model, picture.commanded, picture.base), picture.tilt
                 )
             with self._posing:
                 self._tilt = picture.tilt
-                self.body.update(self._configuration(picture.position, picture.base), picture.tilt)
+                self.body.update(
+                    configuration(self._model, picture.position, picture.base), picture.tilt
+                )
             self._glow(picture)
             if path:
                 self._draw_path(picture.base)
-            arrows = {f"force {i}": _force_arrow(f) for i, f in enumerate(picture.forces)}
+            arrows = {f"force {i}": force_arrow(f) for i, f in enumerate(picture.forces)}
             for contact in contacts:
-                arrows |= self._touch_arrows(contact)
+                arrows |= touch_arrows(contact, self._robot, self.link_pose, self._centres)
             self._draw_arrows(arrows)
 
     def clear(self) -> None:
@@ -294,13 +286,8 @@ class RobotScene:
             return "/robot"
         return f"{self._joint_path(tree.parents[joint])}/{tree.names[joint]}"
 
-    def _configuration(self, position: FloatArray, base: FloatArray) -> FloatArray:
-        model = self._model
-        q = model.with_joint_position(pin.neutral(model.pin), np.nan_to_num(position))
-        return model.with_base_pose(q, np.nan_to_num(base))
-
     def _glow(self, picture: Picture) -> None:
-        levels = np.clip(GLOW_LEVELS * (picture.excess - 1.0), 0, GLOW_LEVELS)
+        levels = GLOW_LEVELS * glow(picture.excess)
         for joint, level in zip(self._robot.joints, levels.tolist(), strict=True):
             self.body.glow(joint.child, round(level))
 
@@ -315,47 +302,20 @@ class RobotScene:
                 "/path", points=points, colors=PATH_COLOR, thickness=3.0, thickness_units="screen"
             )
 
-    def _touch_arrows(self, contact: Contact) -> dict[str, Any]:
-        """Return arrows at the touched link: the force that gives the felt torque, and one deviation more."""
-        pose = self.link_pose(contact.link)
-        centre = pose[:3, 3] + pose[:3, :3] @ self._centres.get(contact.link, np.zeros(3))
-        if contact.joint is None or contact.torque is None:
-            up = np.array([0.0, 0.0, 0.15])
-            return {f"touch {contact.id}": (centre + up, centre, TOUCH_COLOR)}
-        joint = self._robot.joints[self._robot.joint_index(contact.joint)]
-        turning = self.link_pose(joint.child)
-        axis = turning[:3, :3] @ np.array(joint.axis)
-        lever = centre - turning[:3, 3]
-        across = np.cross(axis, lever)
-        distance = max(float(np.linalg.norm(across)), MIN_LEVER)
-        direction = across / max(float(np.linalg.norm(across)), 1e-9)
-        size = contact.torque / distance
-        tip = centre + FORCE_LENGTH * size * direction
-        arrows = {f"touch {contact.id}": (centre, tip, TOUCH_COLOR)}
-        if contact.torque_std is not None:
-            std = np.sign(size) * contact.torque_std / distance
-            end = tip + FORCE_LENGTH * std * direction
-            arrows[f"touch {contact.id} std"] = (tip, end, STD_COLOR)
-        return arrows
-
-    def _draw_arrows(self, arrows: dict[str, Any]) -> None:
+    def _draw_arrows(self, arrows: dict[str, Arrow]) -> None:
         for name in self._arrows.keys() - arrows.keys():
             self._arrows.pop(name).remove()
-        for name, (start, end, color) in arrows.items():
-            points = np.array([[start, end]])
+        for name, arrow in arrows.items():
+            points = np.array([[arrow.start, arrow.end]])
             handle = self._arrows.get(name)
             if handle is None:
                 self._arrows[name] = self._server.scene.add_arrows(
                     f"/arrows/{name.replace(' ', '_')}",
                     points,
-                    color,
+                    arrow.color,
                     shaft_radius=0.008,
                     head_radius=0.02,
                     head_length=0.04,
                 )
             else:
                 handle.points = points
-
-
-def _force_arrow(force: Force) -> tuple[FloatArray, FloatArray, tuple[int, int, int]]:
-    return force.point - FORCE_LENGTH * force.force, force.point, FORCE_COLOR

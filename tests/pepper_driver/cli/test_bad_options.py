@@ -322,7 +322,7 @@ CASES: list[tuple[str, str]] = [
     ("plot none.mcap", "none.mcap: cannot be read (there is no such file)"),
     ("plot folder", "folder: cannot be read (it is a folder)"),
     ("plot text", "text: is not an MCAP file"),
-    ("plot run.mcap", "the log holds no tick to plot"),
+    ("plot run.mcap", "the log holds no tick to draw"),
     ("plot run.mcap --from nan", "option '--from': must be a finite number, got nan"),
     ("plot run.mcap --from -inf", "option '--from': must be a finite number, got -inf"),
     ("plot run.mcap --from soon", "option '--from': must be a number, got 'soon'"),
@@ -331,6 +331,24 @@ CASES: list[tuple[str, str]] = [
     ("plot run.mcap --out x", "unknown figure format ''"),
     ("plot run.mcap --out x.gif", "unknown figure format 'gif'"),
     ("plot run.mcap --out pictures.png", "pictures.png: cannot be written (it is a folder)"),
+    ("render run.mcap", "Missing option '--out'."),
+    ("render none.mcap --out x.png", "none.mcap: cannot be read (there is no such file)"),
+    ("render text --out x.png", "text: is not an MCAP file"),
+    ("render run.mcap --out x.png", "the log holds no tick to draw"),
+    ("render run.mcap --out x", "unknown film format ''"),
+    ("render run.mcap --out x.avi", "unknown film format 'avi' (possible: gif, mp4, png)"),
+    ("render run.mcap --out pictures.png", "pictures.png: cannot be written (it is a folder)"),
+    ("render run.mcap --out x.mp4 --at 1", "--at is for a PNG, and x.mp4 is a film: use --from"),
+    ("render run.mcap --out x.mp4 --fps 0", "option '--fps': must be"),
+    ("render run.mcap --out x.mp4 --fps 12.5", "option '--fps': must be"),
+    ("render run.mcap --out x.mp4 --speed nan", "option '--speed': must be a finite number"),
+    ("render run.mcap --out x.mp4 --speed -1", "speed -1: must be 0.01 to 100 times real time"),
+    ("render run.mcap --out x.mp4 --size big", "option '--size': must be WxH, such as 1280x720"),
+    ("render run.mcap --out x.mp4 --size 641x480", "size 641x480: both must be even numbers, 360"),
+    (
+        "render run.mcap --out x.mp4 --view top",
+        "option '--view': must be front, left, right or back, got 'top'",
+    ),
     ("log info", "Missing argument 'LOG'."),
     ("log info none.mcap", "none.mcap: cannot be read (there is no such file)"),
     ("log info folder", "folder: cannot be read (it is a folder)"),
@@ -456,7 +474,7 @@ def test_each_option_says_what_it_takes(command: str, parameter: Any) -> None:
     if parameter.param_type_name == "option" and not parameter.is_bool_flag:
         assert parameter.metavar or described.is_choice, "no word for what it takes"
     if described.annotation is float:
-        assert parameter.metavar == "SECONDS"
+        assert parameter.metavar == ("X" if parameter.name == "speed" else "SECONDS")
     if parameter.name == "workers":
         assert parameter.help == "Processes that work at the same time; by default one per core."
     takes_value = parameter.param_type_name == "option" and not parameter.is_bool_flag

@@ -15,12 +15,13 @@ import viser
 
 from pepper_driver import Pepper
 from pepper_driver.config import load_robot
-from pepper_driver.config.visuals import Visual
+from pepper_driver.config.visuals import Visual, load_visuals
 from pepper_driver.log import read_log
+from pepper_driver.log.base_path import base_path
 from pepper_driver.observer import Contact
+from pepper_driver.viewer.drawing import FORCE_LENGTH, centres_of, touch_arrows
 from pepper_driver.viewer.picture import Picture
-from pepper_driver.viewer.recorded import base_path
-from pepper_driver.viewer.scene import FORCE_LENGTH, RobotScene, signed_distance
+from pepper_driver.viewer.scene import RobotScene, signed_distance
 
 NOTHING = np.full(17, np.nan)
 
@@ -123,14 +124,15 @@ def test_the_arrow_of_a_touch_has_the_torque_that_was_felt(scene: RobotScene) ->
         detection_time=0.0,
         time=0.0,
     )
-    arrows = scene._touch_arrows(contact)
-    start, tip, _ = arrows["touch 3"]
+    centres = centres_of(load_visuals(robot))
+    arrows = dict(touch_arrows(contact, robot, scene.link_pose, centres))
+    start, tip = arrows["touch 3"].start, arrows["touch 3"].end
     force = (tip - start) / FORCE_LENGTH
     joint = robot.joints[robot.joint_index("LShoulderRoll")]
     pose = scene.link_pose(joint.child)
     moment = np.cross(start - pose[:3, 3], force) @ (pose[:3, :3] @ np.array(joint.axis))
     assert moment == pytest.approx(2.5, rel=1e-6)
-    begin, end, _ = arrows["touch 3 std"]
+    begin, end = arrows["touch 3 std"].start, arrows["touch 3 std"].end
     assert begin == pytest.approx(tip)
     assert np.linalg.norm(end - begin) / np.linalg.norm(tip - start) == pytest.approx(0.5 / 2.5)
 
