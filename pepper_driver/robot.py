@@ -359,9 +359,15 @@ class Pepper(CallbackRegistry):
         from pepper_driver.viewer.view import View
 
         if self._view is None or not self._view.is_open:
-            self._view = View(
-                self, port=port, open_browser=open_browser, allow_control=allow_control
-            )
+            view = View(port=port, allow_control=allow_control)
+            try:
+                if view.address and open_browser:
+                    view.open()
+            except PepperError:
+                view.close()
+                raise
+            view.show(self)
+            self._view = view
         return self._view
 
     def run_metadata(self) -> dict[str, str]:

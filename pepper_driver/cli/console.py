@@ -196,8 +196,10 @@ def shown_in_browser(console: Console, pepper: Pepper) -> Iterator[None]:
     """
     from pepper_driver.viewer.view import View  # brings more than most commands need
 
-    with View(pepper) as view:
+    with View() as view:
+        view.show(pepper)
         show_line(console, f"view: {view.address}")
+        view.open()
         yield
 
 

@@ -13,6 +13,7 @@ from rich.console import Console
 from pepper_driver.cli.console import ModelsOption, make_console, show_line
 from pepper_driver.config.errors import ArgumentError
 from pepper_driver.observer import Contact
+from pepper_driver.robot import Pepper
 from pepper_driver.viewer.host import NO_OBSERVER, Host, HostedRun
 from pepper_driver.viewer.view import DEFAULT_HOST, View, check_access, check_extra
 
@@ -86,27 +87,25 @@ def view(
         show_log(console, Path(what), host=host, port=port, token=token, open_browser=not no_open)
         return
     kinds = ["comply"] if reflex is None else [kind for kind in reflex if kind != "none"]
-    robot_host = Host(
-        HostedRun(
-            uri=what,
-            observer=None if observer == NO_OBSERVER else observer,
-            models=models,
-            reflexes={kind: {} for kind in kinds},
-            log=log,
+    # The page begins while the robot is made: both take a second.
+    with View(host=host, port=port, token=token, allow_control=allow_control) as page:
+        robot_host = Host(
+            HostedRun(
+                uri=what,
+                observer=None if observer == NO_OBSERVER else observer,
+                models=models,
+                reflexes={kind: {} for kind in kinds},
+                log=log,
+            )
         )
-    )
-    with View(
-        robot_host.pepper,
-        host=host,
-        port=port,
-        token=token,
-        open_browser=not no_open,
-        allow_control=allow_control,
-        perform=robot_host.perform,
-        choices=lambda: robot_host.choices,
-    ) as page_view:
-        show_line(console, f"view: {page_view.address}  (Ctrl-C ends it)")
-        robot_host.run(on_run=page_view.show)
+        show_line(console, f"view: {page.address}  (Ctrl-C ends it)")
+        if not no_open:
+            page.open()
+
+        def show(pepper: Pepper) -> None:
+            page.show(pepper, perform=robot_host.perform, choices=lambda: robot_host.choices)
+
+        robot_host.run(show)
 
 
 def show_log(

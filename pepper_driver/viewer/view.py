@@ -10,6 +10,7 @@ import threading
 import webbrowser
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import cached_property
 from importlib.util import find_spec
 from types import TracebackType
 from typing import IO, Any, Self
@@ -17,6 +18,7 @@ from typing import IO, Any, Self
 from pepper_driver.config import MissingExtraError, PepperError
 from pepper_driver.robot import Pepper
 from pepper_driver.telemetry import TelemetryServer
+from pepper_driver.telemetry.server import Request
 from pepper_driver.viewer.controls import Controls
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -65,45 +67,32 @@ class View:
     It runs in a process of its own, with the least priority, and gets what it shows as a stream: a page that hangs or
     ends changes nothing for the robot.
 
+    Its process begins at once, before there is a robot: :meth:`show` says which one it shows.
+
     Args:
-        pepper: The robot; before its start, or while it is active.
         host: Where the page is served. Others than this computer need a token.
         port: Of the page; None for 8080, or the next free one.
         token: Part of the address; None for a new one.
-        open_browser: Open it in the browser of this computer.
         allow_control: On a real robot, take requests to move it.
-        perform: Plays and restarts, see :class:`Controls`.
-        choices: What ``perform`` can do, for the page to show.
-
-    Attributes:
-        address: Of the page.
 
     Raises:
         MissingExtraError: Viser is not installed.
-        ViewError: The page cannot be shown: the port is taken, or a token is missing.
+        ViewError: A token is missing, or of no use.
     """
 
     def __init__(
         self,
-        pepper: Pepper,
         *,
         host: str = DEFAULT_HOST,
         port: int | None = None,
         token: str | None = None,
-        open_browser: bool = True,
         allow_control: bool = False,
-        perform: Callable[[str, Mapping[str, Any]], None] | None = None,
-        choices: Callable[[], Mapping[str, object]] = dict,
     ) -> None:
         check_extra()
         token = check_access(host, token)
-        self._allow_control, self._perform, self._choices = allow_control, perform, choices
-        self._controls = self._make_controls(pepper)
-        self._telemetry = TelemetryServer(
-            lambda listener, request: self._controls(listener, request),
-            on_leave=lambda listener: self._controls.leave(listener),
-            can=lambda: self._controls.can,
-        )
+        self._allow_control = allow_control
+        self._controls: Controls | None = None
+        self._telemetry = TelemetryServer(self._do, on_leave=self._leave, can=self._offers)
         try:
             self._process = PageProcess(
                 {
@@ -116,23 +105,50 @@ class View:
         except BaseException:
             self._telemetry.close()
             raise
-        self.address = self._process.address
-        self.show(pepper)
-        if open_browser:
-            webbrowser.open(self.address)
 
-    def show(self, pepper: Pepper) -> None:
-        """Show another robot on the same page, from its start on; or one that is active."""
-        self._controls = self._make_controls(pepper)
+    @property
+    def address(self) -> str:
+        """Address of the page, once it is served.
+
+        Raises:
+            ViewError: It is not: the port is taken.
+        """
+        return self._process.address
+
+    def show(
+        self,
+        pepper: Pepper,
+        *,
+        perform: Callable[[str, Mapping[str, Any]], None] | None = None,
+        choices: Callable[[], Mapping[str, object]] = dict,
+    ) -> None:
+        """Show a robot from its start on, or one that is active; in place of another one.
+
+        Args:
+            pepper: The robot.
+            perform: Plays and restarts, see :class:`Controls`.
+            choices: What ``perform`` can do, for the page to show.
+        """
+        self._controls = Controls(
+            pepper, allow_control=self._allow_control, perform=perform, choices=choices
+        )
         pepper.stream_to(self._telemetry)
 
-    def _make_controls(self, pepper: Pepper) -> Controls:
-        return Controls(
-            pepper,
-            allow_control=self._allow_control,
-            perform=self._perform,
-            choices=self._choices,
-        )
+    def open(self) -> None:
+        """Open the page in the browser of this computer."""
+        webbrowser.open(self.address)
+
+    def _do(self, listener: int, request: Request) -> object:
+        if self._controls is None:
+            raise ViewError("there is no robot yet")
+        return self._controls(listener, request)
+
+    def _leave(self, listener: int) -> None:
+        if self._controls is not None:
+            self._controls.leave(listener)
+
+    def _offers(self) -> Mapping[str, object]:
+        return {} if self._controls is None else self._controls.can
 
     @property
     def is_open(self) -> bool:
@@ -165,12 +181,6 @@ class PageProcess:
 
     Args:
         settings: For :mod:`pepper_driver.viewer.process`.
-
-    Attributes:
-        address: Of the page.
-
-    Raises:
-        ViewError: It does not begin; the message says why.
     """
 
     def __init__(self, settings: Mapping[str, object]) -> None:
@@ -181,19 +191,24 @@ class PageProcess:
             text=True,
             start_new_session=True,  # Ctrl-C is for the robot's program, which ends this one
         )
-        answer: dict[str, str] = {}
-        try:
+        with suppress(OSError):  # it ended
             self._stdin.write(json.dumps(settings) + "\n")
             self._stdin.flush()
+
+    @cached_property
+    def address(self) -> str:
+        """Address of the page.
+
+        Raises:
+            ViewError: It does not begin; the message says why.
+        """
+        answer: dict[str, str] = {}
+        with suppress(OSError, ValueError):  # it ended
             answer = self._read_answer()
-        except (OSError, ValueError):  # it ended
-            pass
-        finally:
-            if "address" not in answer:
-                self.close()
         if "address" not in answer:
+            self.close()
             raise ViewError(answer.get("error", "the page does not begin"))
-        self.address = answer["address"]
+        return answer["address"]
 
     def _read_answer(self) -> dict[str, str]:
         """Return the first line that the process prints."""

@@ -44,7 +44,8 @@ def place_on_screen(browser: Any, point: np.ndarray) -> tuple[int, int]:
     return round(scale * float(away @ right)), round(-scale * float(away @ up))
 
 
-def open_live(browser: Any, view: View) -> None:
+def open_live(browser: Any, view: View, pepper: Pepper) -> None:
+    view.show(pepper)
     browser.get(view.address)
     wait_until(lambda: "touched:" in text_of(browser))
 
@@ -52,10 +53,10 @@ def open_live(browser: Any, view: View) -> None:
 @pytest.mark.realtime
 def test_the_page_shows_a_robot_and_stops_it(browser: Any) -> None:
     pepper = Pepper("mujoco", real_time=True)
-    with View(pepper, port=0, token=TOKEN, open_browser=False) as view:
+    with View(port=0, token=TOKEN) as view:
         pepper.start()
         try:
-            open_live(browser, view)
+            open_live(browser, view, pepper)
             assert "touched: nothing" in text_of(browser)
             assert hosts_asked(browser) <= {"127.0.0.1"}, "it works without internet"
             click(browser, "STOP")
@@ -72,11 +73,11 @@ def test_a_drag_of_the_arm_is_felt_and_logged(browser: Any, tmp_path: Path) -> N
     log = tmp_path / "run.mcap"
     with (
         Pepper("mujoco", real_time=True, reflexes=[Comply()], log=log) as pepper,
-        View(pepper, port=0, token=TOKEN, open_browser=False) as view,
+        View(port=0, token=TOKEN) as view,
     ):
         pepper.set_posture({"LShoulderPitch": 1.2, "LShoulderRoll": 0.3}, duration=1.0)
         pepper.run(1.5)
-        open_live(browser, view)
+        open_live(browser, view, pepper)
         canvas = browser.find_element("tag name", "canvas")
         pose = pepper.backend.truth.link_pose("LForeArm")
         x, y = place_on_screen(browser, pose[:3, :3] @ [0.06, 0.0, 0.0] + pose[:3, 3])
@@ -104,9 +105,9 @@ def test_a_drag_of_the_arm_is_felt_and_logged(browser: Any, tmp_path: Path) -> N
 def test_a_browser_that_goes_in_a_drag_lets_go(browser: Any) -> None:
     with (
         Pepper("mujoco", real_time=True) as pepper,
-        View(pepper, port=0, token=TOKEN, open_browser=False) as view,
+        View(port=0, token=TOKEN) as view,
     ):
-        open_live(browser, view)
+        open_live(browser, view, pepper)
         canvas = browser.find_element("tag name", "canvas")
         pose = pepper.backend.truth.link_pose("torso")
         x, y = place_on_screen(browser, pose[:3, :3] @ [0.1, 0.0, 0.15] + pose[:3, 3])

@@ -28,8 +28,10 @@ TOKEN = "test-token"
 def shown() -> Iterator[tuple[Pepper, View]]:
     with (
         Pepper("mujoco", observer=None) as pepper,
-        View(pepper, port=0, token=TOKEN, open_browser=False) as view,
+        View(port=0, token=TOKEN) as view,
     ):
+        view.show(pepper)
+        _ = view.address  # served by now
         yield pepper, view
 
 
@@ -80,9 +82,11 @@ def test_the_page_ends_with_its_program(shown: tuple[Pepper, View]) -> None:
 def test_a_port_that_is_taken_is_told() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        pepper = Pepper("mujoco", observer=None)
-        with pytest.raises(ViewError, match=f"127.0.0.1:{port}.*--port") as error:
-            View(pepper, port=port, open_browser=False)
+        with (
+            View(port=port) as view,
+            pytest.raises(ViewError, match=f"127.0.0.1:{port}.*--port") as error,
+        ):
+            _ = view.address
     assert "\n" not in str(error.value)
 
 
@@ -99,7 +103,7 @@ def test_beyond_this_computer_a_token_must_be_chosen() -> None:
 def test_without_the_extra_the_error_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(view_module, "find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match=r"pepper-driver\[viewer\]"):
-        View(Pepper("mujoco", observer=None), open_browser=False)
+        View()
 
 
 def test_show_gives_one_page_that_a_notebook_embeds(monkeypatch: pytest.MonkeyPatch) -> None:
