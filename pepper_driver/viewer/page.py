@@ -103,7 +103,7 @@ class Page:
 
         @ghost.on_update
         def _(_: object) -> None:
-            scene.ghost.root.visible = ghost.value
+            scene.ghost_wanted = ghost.value
 
         @names.on_update
         def _(_: object) -> None:

@@ -31,6 +31,8 @@ from pepper_driver.viewer.drawing import (
 )
 from pepper_driver.viewer.picture import Picture
 
+GHOST_DISTANCE = np.radians(2.0)
+"""[rad] The ghost is drawn where a joint is farther than this from its command: drawing costs a slow browser time."""
 GLOW_LEVELS = 8
 PATH_STEP = 0.02
 """[m] between two points of the path of the base."""
@@ -159,6 +161,7 @@ class RobotScene:
     Attributes:
         body: The robot as measured.
         ghost: The robot as commanded.
+        ghost_wanted: False to hide the ghost.
         names: Labels of the links, hidden at first.
     """
 
@@ -172,6 +175,7 @@ class RobotScene:
         )
         self.body = RobotTree(server, self._model, visuals, "/robot")
         self.ghost = RobotTree(server, self._model, visuals, "/commanded", ghost=True)
+        self.ghost_wanted = True
         self.names: list[Handle] = []
         self._posing, self._tilt = threading.Lock(), np.zeros(2)
         self._centres = centres_of(visuals)
@@ -234,7 +238,11 @@ class RobotScene:
             path: Go on with the path of the base.
         """
         with self._server.atomic():
-            if self.ghost.root.visible:
+            away = np.abs(picture.commanded - picture.position)
+            visible = self.ghost_wanted and bool(np.nan_to_num(away).max() > GHOST_DISTANCE)
+            if visible != self.ghost.root.visible:
+                self.ghost.root.visible = visible
+            if visible:
                 self.ghost.update(
                     configuration(self._model, picture.commanded, picture.base), picture.tilt
                 )

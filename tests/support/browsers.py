@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import psutil  # type: ignore[import-untyped]
 import pytest
 
 SIZE = (1200, 800)
@@ -45,6 +46,9 @@ def open_browser() -> Iterator[Any]:
     options.binary_location = chromium
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
     browser = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    # It draws by itself where there is no graphics card, and must not take the processors from the robot.
+    for process in psutil.Process(browser.service.process.pid).children(recursive=True):
+        process.nice(19)
     try:
         yield browser
     finally:
