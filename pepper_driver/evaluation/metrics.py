@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import gammaincinv
+from scipy.special import gammaincinv, ndtri
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.evaluation.episode_score import (
@@ -166,6 +166,19 @@ class Metrics:
 def upper_bound(count: int, hours: float) -> float:
     """Largest rate [1/h] that ``count`` events in ``hours`` do not refute: exact Poisson, one-sided, CONFIDENCE."""
     return float(gammaincinv(count + 1, CONFIDENCE)) / hours
+
+
+def fraction_interval(fraction: float, count: int) -> tuple[float, float]:
+    """Interval of the probability behind a fraction of ``count`` trials: Wilson's score, two-sided, CONFIDENCE.
+
+    Pushes of one episode are not independent trials, so the true interval is somewhat wider.
+    """
+    z = float(ndtri((1 + CONFIDENCE) / 2))
+    middle = fraction + z * z / (2 * count)
+    half = z * math.sqrt(fraction * (1 - fraction) / count + (z / (2 * count)) ** 2)
+    scale = 1 + z * z / count
+    # Rounding must not move the ends of a fraction of 0 or 1 beyond it.
+    return max((middle - half) / scale, 0.0), min((middle + half) / scale, 1.0)
 
 
 def summarise(scores: Sequence[EpisodeScore], robot: RobotConfig) -> Metrics:
