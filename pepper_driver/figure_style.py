@@ -22,7 +22,7 @@ from pepper_driver.config.errors import reason
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -210,7 +210,7 @@ def same_limits(
         axes.set_ylim(middle - half, middle + half)
 
 
-def add_legend(figure: Figure) -> None:
+def add_legend(figure: Figure | SubFigure) -> None:
     """Add one legend below all panels: every label once, in as many columns as are sure to fit."""
     entries: dict[str, Artist] = {}
     for axes in figure.axes:
@@ -220,6 +220,6 @@ def add_legend(figure: Figure) -> None:
         list(entries.values()),
         list(entries),
         loc="outside lower center",
-        ncols=min(max(int(figure.get_figwidth() / LEGEND_COLUMN), 1), len(entries)),
+        ncols=min(max(int(figure.bbox.width / DPI / LEGEND_COLUMN), 1), len(entries)),
         frameon=False,
     )

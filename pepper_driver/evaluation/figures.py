@@ -50,10 +50,10 @@ if TYPE_CHECKING:
 WINDOW = 20.0
 """[s] of an episode in a figure, as in the paper."""
 SHOWN: dict[str, Style] = {
-    "paper-affine": {"color": ORANGE, "linewidth": 2.5, "zorder": 1.8},
-    "fusion": {"color": BLUE, "linewidth": 1.8, "zorder": 1.9},
+    "paper-affine": {"color": ORANGE, "linewidth": 2.5, "zorder": 1.9},
+    "fusion": {"color": SKY, "linewidth": 1.5, "zorder": 2.2},
 }
-"""Observers in the figures of single episodes; what they predict lies below the thin black line of the measurement."""
+"""Observers in the figures of single episodes: their predictions, below and above the black line of the measurement."""
 _BARS = (
     (BLUE, ""),
     (ORANGE, "//"),
@@ -123,21 +123,23 @@ def write_figures(evaluation: EvaluationResult, folder: Path, robot: RobotConfig
 
 @styled
 def fit_figure(traces: Sequence[Trace]) -> Figure:
-    """Trajectories above, tracking error and what observers predicted of it below, in one episode."""
+    """Trajectories above; below a panel for each observer, with the tracking error and what it predicted of it."""
+    by_mode = {trace.mode: trace for trace in traces if trace.mode in SHOWN}
     first = traces[0]
     rows = _window(first)
-    figure = new_figure(12.0, 7.5)
-    top, bottom = figure.subplots(2, 1, sharex=True)
+    figure = new_figure(12.0, 4.2 + 2.8 * max(len(by_mode), 1))
+    top, *lower = figure.subplots(1 + max(len(by_mode), 1), 1, sharex=True)
     _draw_positions(first, rows, top)
-    _draw_errors({trace.mode: trace for trace in traces}, rows, bottom)
-    same_limits([bottom], min_span=1.0)
+    for axes, mode in zip(lower, [m for m in SHOWN if m in by_mode] or [first.mode], strict=True):
+        _draw_errors({mode: by_mode.get(mode, first)}, rows, axes)
+    same_limits(lower, min_span=1.0)
     figure.suptitle(
         f"Free motion of the {joint_title(first.joint)}, in simulation\n"
         f"test run, task stiffness {first.task_stiffness:g}, {WINDOW:g} s of {_seconds(first)}",
         fontsize=TITLE_SIZE,
     )
-    bottom.set_xlabel("time [s]")
-    for axes in (top, bottom):
+    lower[-1].set_xlabel("time [s]")
+    for axes in (top, *lower):
         axes.margins(x=0.0)
         dress(axes)
     add_legend(figure)
