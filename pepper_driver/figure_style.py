@@ -122,7 +122,8 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
             import matplotlib.figure
         except ImportError as error:
             raise MissingExtraError("plotting", "plot") from error
-        with mpl.rc_context(dict(RC)):
+        settings: Any = RC  # the stubs of matplotlib list every key
+        with mpl.rc_context(settings):
             return draw(*args, **kwargs)
 
     return with_style

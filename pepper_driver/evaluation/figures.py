@@ -90,7 +90,8 @@ def write_figures(evaluation: EvaluationResult, folder: Path, robot: RobotConfig
     if swept:
         drawn["figure2.png"] = (
             fit_figure(swept),
-            f"Figure 2 of the paper: a test run of {FIT_JOINT}, its tracking error and the prediction.",
+            f"Figure 2 of the paper: a test run of {FIT_JOINT}, its tracking error and the predictions of two "
+            "observers.",
         )
     touched = {
         name: [t for t in evaluation.traces if t.suite == "paper" and t.experiment == name]
