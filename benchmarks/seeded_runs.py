@@ -11,10 +11,11 @@ from typing import Any, NoReturn
 
 import numpy as np
 from rich.console import Console
-from scipy.stats import binomtest, chi2
+from scipy.stats import chi2
 
 from pepper_driver.config.files import OutputError, check_writable, write_json
 from pepper_driver.config.workers import run_jobs
+from pepper_driver.evaluation.metrics import fraction_interval
 
 FILE_WIDTH = 240  # columns
 MAX_RUNS = 1000
@@ -70,8 +71,8 @@ def share(count: int, of: int) -> str:
     """Return a share with its 95 % interval (Clopper-Pearson), for people."""
     if not of:
         return "-"
-    bounds = binomtest(count, of).proportion_ci(0.95, "exact")
-    return f"{count} of {of} [{bounds.low:.2f}-{bounds.high:.2f}]"
+    low, high = fraction_interval(count, of)
+    return f"{count} of {of} [{low:.2f}-{high:.2f}]"
 
 
 def rate_bound(count: int, hours: float) -> float:

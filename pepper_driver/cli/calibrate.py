@@ -37,7 +37,7 @@ from pepper_driver.config import (
 )
 from pepper_driver.config.files import write_text
 from pepper_driver.config.workers import Workers
-from pepper_driver.log.plots import check_picture
+from pepper_driver.figure_style import check_picture
 
 LABELS = {
     "residual": "residual deg",

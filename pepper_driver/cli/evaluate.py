@@ -29,11 +29,11 @@ from pepper_driver.config.file_lock import lock_file, lock_folder
 from pepper_driver.config.files import check_same, file_hash, make_folder
 from pepper_driver.evaluation.episodes import DEFAULT_CACHE
 from pepper_driver.evaluation.evaluate import QUICK, evaluate, log_jobs, suite_jobs
-from pepper_driver.evaluation.figures import check_plotting
 from pepper_driver.evaluation.metrics import RECALL_BINS, Metrics
 from pepper_driver.evaluation.observers_under_test import DEFAULTS, contestants
 from pepper_driver.evaluation.report import number, write_report
 from pepper_driver.evaluation.results import EvaluationResult
+from pepper_driver.figure_style import check_plotting
 from pepper_driver.log import read_log
 
 ALL = "all"
@@ -106,7 +106,7 @@ def evaluate_command(
     if report is not None:
         if report.suffix != ".md":
             raise ConfigError(f"{report}: a report is Markdown and ends in .md")
-        check_plotting()
+        check_plotting("the pictures of a report")
         make_folder(report.parent)
         check_outputs(report)
     chosen = contestants(None if mode is None else _names(mode), models or [], robot)

@@ -11,9 +11,10 @@ from rich.table import Table
 
 from pepper_driver.cli.app import CommandGroup
 from pepper_driver.cli.console import JsonOption, check_outputs, finite, make_console, save_json
+from pepper_driver.figure_style import check_picture
 from pepper_driver.log import read_log
 from pepper_driver.log.export import Format, export_log
-from pepper_driver.log.plots import check_picture, plot_contacts
+from pepper_driver.log.plots import plot_contacts
 from pepper_driver.log.repair import repair_log
 from pepper_driver.log.summary import LogSummary, summarise
 

@@ -11,7 +11,7 @@ from pepper_driver.cli.console import finite, make_console, make_progress
 from pepper_driver.cli.log import LogArgument
 from pepper_driver.config.errors import ArgumentError
 from pepper_driver.log import read_log
-from pepper_driver.rendering import View
+from pepper_driver.rendering import Format, View
 from pepper_driver.rendering.film import (
     DEFAULT_SIZE,
     MAX_FPS,
@@ -38,7 +38,14 @@ def is_size(text: str) -> str:
 
 def render(
     log: LogArgument,
-    out: Annotated[Path, typer.Option(metavar="FILE", help="MP4, GIF or PNG by its ending.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="By default LOG with the format as its ending."),
+    ] = None,
+    form: Annotated[
+        Format | None,
+        typer.Option("--format", help="By default the ending of FILE, or mp4."),
+    ] = None,
     start: Annotated[
         float | None,
         typer.Option(
@@ -90,9 +97,13 @@ def render(
     """Make a film or a picture of a log: the robot, and beside it what its joints felt."""
     console = make_console()
     pixels = as_size(size)
-    form = check_output(out)
+    if out is None:
+        out = log.with_suffix(f".{form or 'mp4'}")
+    elif form is not None and out.suffix.lower() != f".{form}":
+        raise ArgumentError(f"{out}: does not end in .{form}, as --format says")
+    kind = check_output(out)
     check_numbers(fps, speed, pixels)
-    if at is not None and form != "png":
+    if at is not None and kind != "png":
         raise ArgumentError(f"--at is for a PNG, and {out.name} is a film: use --from and --to")
     film = Film(
         read_log(log),
@@ -104,7 +115,7 @@ def render(
         view=view,
         joints=joints or (),
     )
-    if form == "png":
+    if kind == "png":
         film.save_picture(out, at)
         console.print(f"picture: {out}")
         return

@@ -3,21 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from importlib.util import find_spec
-from io import BytesIO
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pepper_driver.config import MissingExtraError, RobotConfig
-from pepper_driver.config.errors import reason
+from pepper_driver.config import RobotConfig
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.evaluation.episode_score import Trace
-from pepper_driver.evaluation.evaluate import EXPERIMENT_JOINTS, FIT_JOINT
-from pepper_driver.evaluation.metrics import RECALL_BINS
+from pepper_driver.evaluation.evaluate import EXPERIMENT_JOINTS, FIT_JOINT, INTEGRAL
+from pepper_driver.evaluation.metrics import CONFIDENCE, RECALL_BINS, fraction_interval
 from pepper_driver.evaluation.results import EvaluationResult
-from pepper_driver.log.plots import BLACK, BLUE, GREEN, GREY, ORANGE, RED, SHADE, PlotError
+from pepper_driver.figure_style import (
+    BLACK,
+    BLUE,
+    COMMANDED,
+    GREEN,
+    GREY,
+    MEASURED,
+    ORANGE,
+    PINK,
+    PREDICTED,
+    RESIDUAL,
+    SHADE,
+    SKY,
+    THRESHOLD,
+    TITLE_SIZE,
+    VERMILION,
+    Style,
+    add_legend,
+    counted,
+    dress,
+    joint_title,
+    new_figure,
+    same_limits,
+    save_figure,
+    styled,
+)
+from pepper_driver.observer import Contact, KnownPush
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,23 +49,26 @@ if TYPE_CHECKING:
 
 WINDOW = 20.0
 """[s] of an episode in a figure, as in the paper."""
-SHOWN = {"paper-affine": ORANGE, "fusion": BLUE}
-"""Observers in the pictures of single episodes."""
-_BARS = (BLUE, ORANGE, "#F5CE8B", GREEN, BLACK, GREY, RED)
-_DPI = 80
+SHOWN: dict[str, Style] = {
+    "paper-affine": {"color": ORANGE, "linewidth": 2.5, "zorder": 1.9},
+    "fusion": {"color": SKY, "linewidth": 1.5, "zorder": 2.2},
+}
+"""Observers in the figures of single episodes: their predictions, below and above the black line of the measurement."""
+_BARS = (
+    (BLUE, ""),
+    (ORANGE, "//"),
+    (SKY, ".."),
+    (GREEN, "\\\\"),
+    (BLACK, ""),
+    (GREY, "xx"),
+    (VERMILION, "--"),
+    (PINK, "oo"),
+)
+"""Colour and hatch of each observer."""
 _COLOURS = 96
-"""Of the palette of a file: a third of the bytes of full colour, and no difference to the eye."""
 _NAMES = ("figure2.png", "figure3.png", "figure4.png", "recall.png")
-
-
-def check_plotting() -> None:
-    """Refuse pictures before the work for them is done.
-
-    Raises:
-        MissingExtraError: matplotlib is not installed.
-    """
-    if find_spec("matplotlib") is None:
-        raise MissingExtraError("the pictures of a report", "plot")
+RECALL_SUITES = {"collision": "boards without an integral part"}
+RECALL_SUITES["collision" + INTEGRAL] = "boards with an integral part"
 
 
 def write_figures(evaluation: EvaluationResult, folder: Path, robot: RobotConfig) -> dict[str, str]:
@@ -63,7 +90,8 @@ def write_figures(evaluation: EvaluationResult, folder: Path, robot: RobotConfig
     if swept:
         drawn["figure2.png"] = (
             fit_figure(swept),
-            f"Figure 2 of the paper: a test run of {FIT_JOINT}, its tracking error and the prediction.",
+            f"Figure 2 of the paper: a test run of {FIT_JOINT}, its tracking error and the predictions of two "
+            "observers.",
         )
     touched = {
         name: [t for t in evaluation.traces if t.suite == "paper" and t.experiment == name]
@@ -73,138 +101,186 @@ def write_figures(evaluation: EvaluationResult, folder: Path, robot: RobotConfig
     if first:
         drawn["figure3.png"] = (
             contact_figure(first, robot),
-            "Figure 3: trajectories, expected error, contact observer signal r with its threshold; grey while the "
-            "joint's limb is pushed, dashed blue where a contact begins.",
+            "Figure 3: trajectories, tracking error with its prediction, residual r with its threshold; grey while the "
+            "joint's limb is pushed. Dashed lines are onsets as the observer estimates them, which can be before the "
+            "push; dash-dotted ones are of contacts that it reports on another joint of the limb, or on the trunk.",
         )
     if touched["RSRoll"]:
         drawn["figure4.png"] = (
             contact_figure({"RSRoll": touched["RSRoll"]}, robot),
             "Figure 4: the same of RShoulderRoll, whose model was identified on the left.",
         )
-    if any(_recalls(evaluation, mode) for mode in evaluation.modes):
+    if recalls := _recalls(evaluation):
         drawn["recall.png"] = (
-            recall_figure(evaluation),
-            "Fraction of pushes detected, by their size.",
+            recall_figure(recalls),
+            "Fraction of pushes detected, by size, with 95 % intervals (Clopper-Pearson) and numbers of pushes n.",
         )
     for name in _NAMES:  # of an earlier run: they would not fit the new tables
         (folder / name).unlink(missing_ok=True)
     for name, (figure, _) in drawn.items():
-        _save(figure, folder / name)
+        save_figure(figure, folder / name, colours=_COLOURS)
     return {name: caption for name, (_, caption) in drawn.items()}
 
 
+@styled
 def fit_figure(traces: Sequence[Trace]) -> Figure:
-    """Trajectories above, tracking error and what observers expected of it below, in one episode."""
-    from matplotlib.figure import Figure
-
+    """Trajectories above; below a panel for each observer, with the tracking error and what it predicted of it."""
+    by_mode = {trace.mode: trace for trace in traces if trace.mode in SHOWN}
     first = traces[0]
     rows = _window(first)
-    time = first.time[rows] - first.time[rows][0]
-    figure = Figure(figsize=(12.0, 6.5), dpi=_DPI, layout="constrained")
-    top, bottom = figure.subplots(2, 1, sharex=True)
-    _draw_ways(first, rows, top)
-    bottom.plot(
-        time, np.degrees((first.sent - first.position)[rows]), color=GREEN, label="measured"
+    figure = new_figure(12.0, 4.2 + 2.8 * max(len(by_mode), 1))
+    top, *lower = figure.subplots(1 + max(len(by_mode), 1), 1, sharex=True)
+    _draw_positions(first, rows, top)
+    for axes, mode in zip(lower, [m for m in SHOWN if m in by_mode] or [first.mode], strict=True):
+        _draw_errors({mode: by_mode.get(mode, first)}, rows, axes)
+    same_limits(lower, min_span=1.0)
+    figure.suptitle(
+        f"Free motion of the {joint_title(first.joint)}, in simulation\n"
+        f"test run, task stiffness {first.task_stiffness:g}, {WINDOW:g} s of {_seconds(first)}",
+        fontsize=TITLE_SIZE,
     )
-    for trace in traces:
-        if trace.mode in SHOWN:
-            bottom.plot(
-                time,
-                np.degrees(trace.expected[rows]),
-                color=SHOWN[trace.mode],
-                label=f"expected, {trace.mode}",
-            )
-    top.set_title(
-        f"{first.joint}, test run, task stiffness {first.task_stiffness:g}: in simulation"
-    )
-    bottom.set_ylabel("tracking error [deg]")
-    bottom.set_xlabel("time [s]")
-    for axes in (top, bottom):
-        _dress(axes)
-    _legend(figure)
+    lower[-1].set_xlabel("time [s]")
+    for axes in (top, *lower):
+        axes.margins(x=0.0)
+        dress(axes)
+    add_legend(figure)
     return figure
 
 
+@styled
 def contact_figure(experiments: Mapping[str, Sequence[Trace]], robot: RobotConfig) -> Figure:
-    """Return a column for each experiment: trajectories, expected error, and r of each observer with its threshold."""
-    from matplotlib.figure import Figure
+    """Return a column for each experiment: trajectories, tracking error, and r of each observer with its threshold.
 
+    Panels of a row have the same limits, those of all residuals too. A panel without data is left out.
+    """
     modes = [
         mode
         for mode in SHOWN
         if any(t.mode == mode for group in experiments.values() for t in group)
     ]
-    figure = Figure(
-        figsize=(6.0 + 6.0 * len(experiments), 4.5 + 2.2 * len(modes)),
-        dpi=_DPI,
-        layout="constrained",
-    )
-    panels = figure.subplots(2 + len(modes), len(experiments), sharex="col", squeeze=False)
-    for column, (name, traces) in zip(panels.T, experiments.items(), strict=True):
+    figure = new_figure(max(8.5 * len(experiments), 11.0), 6.5 + 2.3 * len(modes))
+    grid = figure.add_gridspec(2 + len(modes), len(experiments))
+    positions, errors, residuals = [], [], []
+    for column, (name, traces) in enumerate(experiments.items()):
         by_mode = {trace.mode: trace for trace in traces}
         first = traces[0]
         rows = _window(first)
-        time = first.time[rows] - first.time[rows][0]
-        _draw_ways(first, rows, column[0])
-        column[0].set_title(
-            f"{name}: {first.joint}, task stiffness {first.task_stiffness:g}, in simulation"
-        )
-        error = np.degrees((first.sent - first.position)[rows])
-        column[1].plot(time, error, color=GREEN, label="measured")
-        for mode in modes:
+        panels = [figure.add_subplot(grid[row, column]) for row in (0, 1)]
+        _draw_positions(first, rows, panels[0])
+        positions.append(panels[0])
+        panels[0].set_title("\n".join(_experiment_remarks(name, first, rows, robot)))
+        _draw_errors(by_mode, rows, panels[1])
+        errors.append(panels[1])
+        for row, mode in enumerate(modes):
             if mode in by_mode:
-                expected = np.degrees(by_mode[mode].expected[rows])
-                column[1].plot(time, expected, color=SHOWN[mode], label=f"expected, {mode}")
-        column[1].set_ylabel("tracking error [deg]")
-        for axes, mode in zip(column[2:], modes, strict=True):
-            if mode in by_mode:
+                axes = figure.add_subplot(grid[2 + row, column])
                 _draw_residual(by_mode[mode], rows, robot, axes)
-            axes.set_ylabel(f"r, {mode} [deg]")
-        column[-1].set_xlabel("time [s]")
-        for axes in column:
+                panels.append(axes)
+                residuals.append(axes)
+        for axes in panels:
+            axes.tick_params(labelbottom=axes is panels[-1])
             _shade(first, rows, robot, axes)
-            _dress(axes)
-    _legend(figure)
+            axes.set_xlim(0.0, first.time[rows][-1] - first.time[rows][0])
+            dress(axes)
+        panels[-1].set_xlabel("time [s]")
+    for alike, symmetric in ((positions, False), (errors, False), (residuals, True)):
+        same_limits(alike, min_span=1.0, symmetric=symmetric)
+    figure.suptitle("Pushes on a moving Pepper, in simulation", fontsize=TITLE_SIZE)
+    add_legend(figure)
     return figure
 
 
-def recall_figure(evaluation: EvaluationResult) -> Figure:
-    """Bars of recall by size of push, a colour for each observer."""
-    from matplotlib.figure import Figure
+@dataclass(frozen=True, kw_only=True)
+class Recall:
+    """Pushes that were detected, of at least one."""
 
-    modes = [mode for mode in evaluation.modes if _recalls(evaluation, mode)]
-    figure = Figure(figsize=(9.0, 4.0), dpi=_DPI, layout="constrained")
-    axes = figure.subplots()
+    detected: int
+    count: int
+
+    @property
+    def fraction(self) -> float:
+        """Of the pushes."""
+        return self.detected / self.count
+
+
+@styled
+def recall_figure(recalls: Mapping[str, Mapping[str, Mapping[str, Recall]]]) -> Figure:
+    """Bars of recall by size of push, with intervals and counts; a colour for each observer, a panel for each suite.
+
+    Args:
+        recalls: By name of a suite, observer and bin of sizes.
+    """
+    modes = list(dict.fromkeys(mode for by_mode in recalls.values() for mode in by_mode))
+    figure = new_figure(max(7.0 * len(recalls), 9.0), 5.2)
+    panels = figure.subplots(1, len(recalls), sharey=True, squeeze=False)[0]
+    for axes, (suite, by_mode) in zip(panels, recalls.items(), strict=True):
+        _draw_recall(by_mode, modes, axes)
+        axes.set_title(RECALL_SUITES.get(suite, suite))
+    panels[0].set_ylabel("fraction of pushes detected")
+    figure.suptitle(
+        f"Random pushes in simulation: how many are detected (bars: fraction; whiskers: {CONFIDENCE:.0%} interval)",
+        fontsize=TITLE_SIZE,
+    )
+    add_legend(figure)
+    return figure
+
+
+def _draw_recall(
+    by_mode: Mapping[str, Mapping[str, Recall]], modes: Sequence[str], axes: Axes
+) -> None:
+    bins = [name for name in RECALL_BINS if any(name in recalls for recalls in by_mode.values())]
     width = 0.8 / len(modes)
-    places = np.arange(len(RECALL_BINS))
     for number, mode in enumerate(modes):
-        recalls = [_recalls(evaluation, mode).get(name, np.nan) for name in RECALL_BINS]
-        axes.bar(
-            places - 0.4 + (number + 0.5) * width,
-            recalls,
-            width,
-            color=_BARS[number % len(_BARS)],
-            label=mode,
-        )
-    axes.set_xticks(places, [_size(name) for name in RECALL_BINS])
-    axes.set_xlabel("size of the push [equivalent degrees]")
-    axes.set_ylabel("fraction detected, in simulation")
-    axes.set_xlim(-0.5, len(RECALL_BINS) - 0.5)
-    axes.set_ylim(0.0, 1.0)
-    axes.grid(visible=True, axis="y", color="#EEEEEE")
-    axes.set_axisbelow(True)
-    figure.legend(loc="outside upper center", ncols=len(modes), frameon=False)
-    return figure
+        found = {
+            place: by_mode[mode][name]
+            for place, name in enumerate(bins)
+            if name in by_mode.get(mode, {})
+        }
+        fractions = np.array([recall.fraction for recall in found.values()])
+        ends = np.array([fraction_interval(r.detected, r.count) for r in found.values()])
+        colour, hatch = _BARS[number % len(_BARS)]
+        if found:
+            axes.bar(
+                np.array(list(found)) - 0.4 + (number + 0.5) * width,
+                fractions,
+                width,
+                yerr=np.abs(ends.T - fractions),
+                error_kw={"elinewidth": 1.2, "capsize": 3.0, "ecolor": "#333333"},
+                color=colour,
+                edgecolor="white",
+                hatch=hatch,
+                label=mode,
+            )
+    axes.set_xticks(range(len(bins)), [f"{_size(name)}\n{_n(name, by_mode)}" for name in bins])
+    axes.set_xlabel("size of the push [equivalent deg], number of pushes n")
+    axes.set_xlim(-0.5, len(bins) - 0.5)
+    axes.set_ylim(0.0, 1.02)
+    dress(axes)
+    axes.grid(visible=False, axis="x")
+
+
+def _n(name: str, by_mode: Mapping[str, Mapping[str, Recall]]) -> str:
+    """Return the number of pushes of a size; from least to most where observers saw different ones."""
+    counts = sorted({recalls[name].count for recalls in by_mode.values() if name in recalls})
+    return "n = " + " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
 
 
 def _size(name: str) -> str:
     return f"{name.removesuffix('-')} and more" if name.endswith("-") else name.replace("-", " to ")
 
 
-def _recalls(evaluation: EvaluationResult, mode: str) -> dict[str, float]:
-    metrics = evaluation.modes[mode].get("collision")
-    recalls = metrics.recall if metrics is not None else {}
-    return {name: value for name, value in recalls.items() if value is not None}
+def _recalls(evaluation: EvaluationResult) -> dict[str, dict[str, dict[str, Recall]]]:
+    """By suite, observer and bin of sizes; what has no pushes is left out."""
+    found: dict[str, dict[str, dict[str, Recall]]] = {}
+    for suite in RECALL_SUITES:
+        for mode, by_suite in evaluation.modes.items():
+            metrics = by_suite.get(suite)
+            for name, value in metrics.recall.items() if metrics is not None else ():
+                if metrics is not None and value is not None:
+                    count = metrics.recall_count[name]
+                    recall = Recall(detected=round(value * count), count=count)
+                    found.setdefault(suite, {}).setdefault(mode, {})[name] = recall
+    return found
 
 
 def _window(trace: Trace) -> slice:
@@ -221,55 +297,86 @@ def _window(trace: Trace) -> slice:
     return slice(*np.searchsorted(time, (begin, begin + WINDOW)).tolist())
 
 
-def _draw_ways(trace: Trace, rows: slice, axes: Axes) -> None:
+def _seconds(trace: Trace) -> str:
+    return f"{trace.time[-1] - trace.time[0]:.0f} s"
+
+
+def _experiment_remarks(name: str, trace: Trace, rows: slice, robot: RobotConfig) -> list[str]:
+    """Return the title of an experiment: the joint, how it moves and how often its limb is pushed."""
+    pushes = sum(_in_window(trace, rows, push.onset, push.release) for push in _own(trace, robot))
+    return [
+        f"experiment {name}: {joint_title(trace.joint)}",
+        f"task stiffness {trace.task_stiffness:g}; {counted(pushes, 'push')} on this limb "
+        f"in these {trace.time[rows][-1] - trace.time[rows][0]:.0f} s of {_seconds(trace)}",
+    ]
+
+
+def _own(trace: Trace, robot: RobotConfig) -> list[KnownPush]:
+    """Pushes on the limb of a trace."""
+    limb = robot.limb_of(trace.joint)
+    return [push for push in trace.pushes if robot.limb_of(push.joint) == limb]
+
+
+def _in_window(trace: Trace, rows: slice, begin: float, end: float) -> bool:
+    return bool(end > trace.time[rows][0] and begin < trace.time[rows][-1])
+
+
+def _draw_positions(trace: Trace, rows: slice, axes: Axes) -> None:
     time = trace.time[rows] - trace.time[rows][0]
     for position in trace.others.values():
         axes.plot(
             time,
             np.degrees(position[rows]),
             color=GREY,
-            linewidth=0.7,
-            label="other joints, as sent",
+            linewidth=0.8,
+            label="other joints, commanded",
         )
-    axes.plot(
-        time, np.degrees(trace.sent[rows]), color=BLACK, linestyle="--", label="desired, as sent"
-    )
-    axes.plot(time, np.degrees(trace.position[rows]), color=GREEN, label="measured")
+    axes.plot(time, np.degrees(trace.position[rows]), **MEASURED)
+    axes.plot(time, np.degrees(trace.sent[rows]), **COMMANDED)
     axes.set_ylabel("position [deg]")
+
+
+def _draw_errors(by_mode: Mapping[str, Trace], rows: slice, axes: Axes) -> None:
+    """Draw the tracking error, and what each observer predicted of it."""
+    first = next(iter(by_mode.values()))
+    time = first.time[rows] - first.time[rows][0]
+    axes.plot(time, np.degrees((first.sent - first.position)[rows]), **MEASURED)
+    for mode, style in SHOWN.items():
+        if mode in by_mode:
+            expected = np.degrees(by_mode[mode].expected[rows])
+            axes.plot(time, expected, **style, label=f"{PREDICTED['label']} by {mode}")
+    axes.set_ylabel("tracking error [deg]")
 
 
 def _draw_residual(trace: Trace, rows: slice, robot: RobotConfig, axes: Axes) -> None:
     start, end = trace.time[rows][0], trace.time[rows][-1]
     time = trace.time[rows] - start
     threshold = np.degrees(trace.threshold[rows])
-    residual = np.degrees(trace.residual[rows])
-    axes.plot(time, residual, color=BLACK, linewidth=1.0, label="contact observer signal r")
+    axes.plot(time, np.degrees(trace.residual[rows]), **RESIDUAL)
     for sign in (1.0, -1.0):
-        axes.plot(
-            time, sign * threshold, color=RED, linestyle="--", linewidth=1.0, label="threshold"
-        )
+        axes.plot(time, sign * threshold, **THRESHOLD)
+    axes.set_ylabel(f"residual r [deg]\n{trace.mode}")
     limb = robot.limb_of(trace.joint)
-    for contact in trace.contacts:
-        if (
-            contact.phase == "begin"
-            and robot.limb_of(contact.joint) in (limb, TRUNK)
-            and start <= contact.onset_time <= end
-        ):
-            rebound = contact.kind == "rebound"
-            axes.axvline(
-                contact.onset_time - start,
-                color=GREY if rebound else BLUE,
-                linestyle=":" if rebound else "--",
-                linewidth=1.2,
-                label="rebound begins" if rebound else "contact begins",
-            )
+    last = {contact.id: contact for contact in trace.contacts}
+    for contact in last.values():
+        if robot.limb_of(contact.joint) in (limb, TRUNK) and start <= contact.onset_time <= end:
+            axes.axvline(contact.onset_time - start, **_onset_style(contact, trace.joint))
+
+
+def _onset_style(contact: Contact, joint: str) -> Style:
+    if contact.kind == "rebound":
+        style = {"color": GREY, "linestyle": ":", "label": "rebound, estimated onset"}
+    elif contact.joint == joint:
+        style = {"color": BLUE, "linestyle": "--", "label": "contact, estimated onset"}
+    else:
+        style = {"color": SKY, "linestyle": "-.", "label": "contact elsewhere, estimated onset"}
+    return {**style, "linewidth": 1.5}
 
 
 def _shade(trace: Trace, rows: slice, robot: RobotConfig, axes: Axes) -> None:
     start, end = trace.time[rows][0], trace.time[rows][-1]
-    limb = robot.limb_of(trace.joint)
-    for push in trace.pushes:
-        if robot.limb_of(push.joint) == limb and push.release > start and push.onset < end:
+    for push in _own(trace, robot):
+        if _in_window(trace, rows, push.onset, push.release):
             axes.axvspan(
                 max(push.onset, start) - start,
                 min(push.release, end) - start,
@@ -278,32 +385,3 @@ def _shade(trace: Trace, rows: slice, robot: RobotConfig, axes: Axes) -> None:
                 zorder=0.0,
                 label="true push on this limb",
             )
-
-
-def _dress(axes: Axes) -> None:
-    axes.margins(x=0.0)
-    axes.grid(visible=True, color="#EEEEEE", linewidth=0.8)
-    axes.set_axisbelow(True)
-
-
-def _legend(figure: Figure) -> None:
-    """One legend for all panels, every label once."""
-    entries: dict[str, Any] = {}
-    for axes in figure.axes:
-        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            entries.setdefault(label, handle)
-    figure.legend(
-        list(entries.values()), list(entries), loc="outside lower center", ncols=5, frameon=False
-    )
-
-
-def _save(figure: Figure, path: Path) -> None:
-    from PIL import Image  # matplotlib brings it
-
-    picture = BytesIO()
-    figure.savefig(picture, format="png")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        Image.open(picture).convert("RGB").quantize(_COLOURS).save(path, optimize=True)
-    except OSError as error:
-        raise PlotError(f"{path}: cannot be written ({reason(error)})") from error

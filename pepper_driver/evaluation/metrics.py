@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import gammaincinv
+from scipy.special import betaincinv, gammaincinv
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.evaluation.episode_score import (
@@ -166,6 +166,17 @@ class Metrics:
 def upper_bound(count: int, hours: float) -> float:
     """Largest rate [1/h] that ``count`` events in ``hours`` do not refute: exact Poisson, one-sided, CONFIDENCE."""
     return float(gammaincinv(count + 1, CONFIDENCE)) / hours
+
+
+def fraction_interval(count: int, of: int) -> tuple[float, float]:
+    """Interval of the probability behind ``count`` of at least one trials: Clopper-Pearson, two-sided, CONFIDENCE.
+
+    Pushes of one episode are not independent trials, so the true interval is somewhat wider.
+    """
+    tail = (1.0 - CONFIDENCE) / 2.0
+    low = float(betaincinv(count, of - count + 1, tail)) if count > 0 else 0.0
+    high = float(betaincinv(count + 1, of - count, 1.0 - tail)) if count < of else 1.0
+    return low, high
 
 
 def summarise(scores: Sequence[EpisodeScore], robot: RobotConfig) -> Metrics:

@@ -2,5 +2,7 @@
 
 from typing import Literal
 
+Format = Literal["mp4", "gif", "png"]
+
 View = Literal["front", "left", "right", "back"]
 """Side from which the robot is seen."""

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryFile
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, get_args
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from pepper_driver.log import RunLog
 from pepper_driver.log.base_path import base_path
 from pepper_driver.log.plots import rows_between
 from pepper_driver.observer import Contact
-from pepper_driver.rendering import View
+from pepper_driver.rendering import Format, View
 from pepper_driver.rendering.gl import RenderError, check_gl
 from pepper_driver.rendering.panel import MAX_JOINTS, SignalPanel, joints_to_show
 from pepper_driver.viewer.picture import Picture, picture_of
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from PIL.Image import Image
     from PIL.ImageFont import FreeTypeFont
 
-FORMATS = ("mp4", "gif", "png")
+FORMATS: tuple[Format, ...] = get_args(Format)
 NEEDED = ("imageio_ffmpeg", "PIL", "matplotlib")
 """Modules of the extra ``video``."""
 

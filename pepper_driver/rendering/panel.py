@@ -8,10 +8,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pepper_driver.config import load_robot
 from pepper_driver.config.arrays import PixelArray
+from pepper_driver.figure_style import (
+    RESIDUAL,
+    THRESHOLD,
+    dress,
+    in_words,
+    joint_title,
+    same_limits,
+    shown_in,
+    styled,
+)
 from pepper_driver.log import RunLog
-from pepper_driver.log.plots import BLACK, RED, mark_contacts, mark_pushes
+from pepper_driver.log.plots import (
+    BAR,
+    mark_contacts,
+    mark_faults,
+    mark_pushes,
+    mark_reflexes,
+    reflex_names,
+)
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -25,8 +41,10 @@ DPI = 100
 FONT_SIZE = 9.0
 """[pt] where the shorter side of the panel has 480 pixels."""
 
-MIN_TWO_COLUMNS = 52.0
-"""Width of the panel from which the legend has two columns, in pixels for each point of the letters."""
+MIN_FONT_SIZE = 5.0
+"""[pt] The legend has two columns where its letters are larger."""
+LEGEND_HANDLE, LEGEND_LETTER = 4.8, 0.53
+"""Width of a sign of the legend with its space, and of a letter on average, as multiples of the size of the letters."""
 
 CURSOR = np.array([220, 40, 40], dtype=np.uint8)
 CURSOR_WIDTH = 2
@@ -34,6 +52,9 @@ CURSOR_WIDTH = 2
 
 FADE = 0.6
 """How far what comes later is faded to white."""
+
+MIN_SPAN, NAME_ROOM = 1.0, 0.15
+"""Least height of a panel [deg] or [%], and room above and below for names, as a fraction of it."""
 
 MIN_NAMED = 0.06
 """Fraction of the panel's width from which a contact's name is written into it."""
@@ -89,6 +110,7 @@ class SignalPanel:
         return pixels
 
 
+@styled
 def residual_figure(
     log: RunLog, joints: Sequence[str], start: float, stop: float, width: int, height: int
 ) -> Figure:
@@ -105,6 +127,8 @@ def residual_figure(
     for axes, joint in zip(panels, joints, strict=True):
         mark_pushes(log, joint, axes)
         mark_contacts(log, joint, axes)
+        mark_reflexes(log, joint, axes)
+        mark_faults(log, axes)
         _name_contacts(log, joint, axes, size)
     panels[-1].set_xlabel("time [s]", fontsize=size)
     _add_legend(figure, panels, size)
@@ -136,30 +160,23 @@ def _draw_residual(log: RunLog, joint: str, axes: Axes, size: float) -> None:
     index = log.joint_names.index(joint)
     first, last = axes.get_xlim()
     rows = (log["time"] >= first) & (log["time"] <= last)
-    hand = joint in log.hand_joints
-    factor, unit = (100.0, "% of aperture") if hand else (float(np.rad2deg(1.0)), "deg")
+    factor, unit = shown_in(joint, log.hand_joints)
     time = log["time"][rows]
     residual, threshold = (log[name][rows, index] * factor for name in ("residual", "threshold"))
-    axes.plot(time, residual, color=BLACK, linewidth=1.3, label="residual")
+    axes.plot(time, residual, **RESIDUAL)
     for sign in (1.0, -1.0):
-        axes.plot(time, sign * threshold, "--", color=RED, linewidth=1.1, label="threshold")
-    axes.set_title(
-        f"{_words(load_robot().limb_of(joint))}: {joint}", fontsize=size, parse_math=False
-    )
-    axes.set_ylabel(f"residual [{unit}]", fontsize=size)
+        axes.plot(time, sign * threshold, **THRESHOLD)
+    axes.set_title(joint_title(joint), fontsize=size)
+    axes.set_ylabel(f"residual r [{unit}]", fontsize=size)
     axes.tick_params(labelsize=0.85 * size)
-    axes.grid(visible=True, color="#EEEEEE", linewidth=0.8)
-    axes.set_axisbelow(True)
+    dress(axes)
 
 
 def _set_limits(log: RunLog, joints: Sequence[str], panels: Sequence[Axes]) -> None:
-    """Give joints of the same unit the same limits, symmetric and with room for names of contacts."""
+    """Give joints of the same unit the same limits, symmetric and with room for names of contacts and bars."""
     for hands in (False, True):
         alike = [a for a, j in zip(panels, joints, strict=True) if (j in log.hand_joints) == hands]
-        values = [np.abs(np.asarray(line.get_ydata())) for axes in alike for line in axes.lines]
-        reach = max((float(np.nanmax(v)) for v in values if np.isfinite(v).any()), default=0.0)
-        for axes in alike if reach > 0.0 else ():
-            axes.set_ylim(-1.3 * reach, 1.3 * reach)
+        same_limits(alike, min_span=MIN_SPAN, symmetric=True, margin=NAME_ROOM)
 
 
 def _name_contacts(log: RunLog, joint: str, axes: Axes, size: float) -> None:
@@ -172,13 +189,12 @@ def _name_contacts(log: RunLog, joint: str, axes: Axes, size: float) -> None:
         if end - begin > MIN_NAMED * (last - first):
             axes.text(
                 0.5 * (begin + end),
-                0.96,
-                f"{contact.kind}\n{contact.link}",
+                0.96 - BAR * len(reflex_names(log)),
+                f"{contact.kind}\n{in_words(contact.link)}",
                 transform=axes.get_xaxis_transform(),
                 ha="center",
                 va="top",
                 fontsize=0.8 * size,
-                parse_math=False,
                 clip_on=True,
             )
 
@@ -188,15 +204,14 @@ def _add_legend(figure: Figure, panels: Sequence[Axes], size: float) -> None:
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
+    letters = LEGEND_HANDLE + LEGEND_LETTER * max(map(len, entries), default=0)
+    fitting = 72.0 * figure.get_figwidth() / (2.0 * letters)  # in two columns
+    wide = fitting > MIN_FONT_SIZE
     figure.legend(
         list(entries.values()),
         list(entries),
         loc="outside lower center",
-        ncols=2 if figure.get_figwidth() * DPI > MIN_TWO_COLUMNS * size else 1,
+        ncols=2 if wide else 1,
         frameon=False,
-        fontsize=0.85 * size,
+        fontsize=min(0.85 * size, fitting if wide else size),
     )
-
-
-def _words(name: str) -> str:
-    return name.replace("_", " ")

@@ -36,6 +36,7 @@ from pepper_driver.calibration.fit import (
     ramp_error,
     start_values,
 )
+from pepper_driver.calibration.plot import calibration_figure
 from pepper_driver.calibration.testbench import HoldEnds
 from pepper_driver.cli import calibrate as command
 from pepper_driver.cli.app import run
@@ -51,6 +52,7 @@ from pepper_driver.config import (
     plant_hash,
 )
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.figure_style import joint_title
 
 ROBOT = load_robot()
 NOMINAL = load_plant("nominal", ROBOT)
@@ -301,6 +303,31 @@ def test_the_json_has_the_agreed_keys() -> None:
     roll = metrics["hold_deg"]["RShoulderRoll"]["median"]
     assert metrics["hold_factor"]["RShoulderRoll"]["median"] == pytest.approx(roll / 0.67)
     assert metrics["hold_current_a"]["RWristYaw"] == {"median": 0.0, "p90": 0.0}
+
+
+def test_the_figure_compares_joints_on_one_scale() -> None:
+    measured = report()
+    figure = calibration_figure(measured)
+    titles = [axes.get_title() for axes in figure.get_axes() if axes.get_title()]
+    tables, holds = REAL.recordings.tables, REAL.recordings.holds
+    assert len(titles) == 2 * len(tables) + len(holds)
+    for joint in (*tables, *holds):
+        assert any(title.startswith(joint_title(joint)) for title in titles)
+    shown = [axes for axes in figure.get_axes() if "simulated, " in axes.get_title()]
+    assert len(shown) == len(holds)
+    for kind in (shown, [axes for axes in figure.get_axes() if "cells" in axes.get_title()]):
+        assert len({axes.get_ylim() for axes in kind}) == 1
+    assert len({axes.get_xlim() for axes in shown}) == 1
+    count = len(measured.measured.holds.error)
+    assert all(
+        f"n = {count} simulated, {REAL.recordings.hold_count} real" in a.get_title() for a in shown
+    )
+    pictures = [axes.images[0] for axes in figure.get_axes() if axes.images]
+    assert len({picture.get_clim() for picture in pictures}) == 1, "one colour, one difference"
+    (legend,) = (legend for part in figure.subfigs for legend in part.legends)
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert len(labels) == len(set(labels))
+    assert {"simulated", "a match"} < set(labels)
 
 
 def test_a_report_passes_when_every_limit_is_kept() -> None:

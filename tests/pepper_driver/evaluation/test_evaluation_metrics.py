@@ -6,10 +6,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import binomtest
 
 from pepper_driver.evaluation.episode_score import EpisodeScore, score_episode, watch
 from pepper_driver.evaluation.episodes import Episode
-from pepper_driver.evaluation.metrics import Metrics, summarise, upper_bound, with_gap_closed
+from pepper_driver.evaluation.metrics import (
+    Metrics,
+    fraction_interval,
+    summarise,
+    upper_bound,
+    with_gap_closed,
+)
 from pepper_driver.observer import Contact
 from support.evaluation import (
     CYCLE,
@@ -169,6 +176,16 @@ def test_torque_within_pushes() -> None:
 )
 def test_poisson_bound(count: int, hours: float, bound: float) -> None:
     assert upper_bound(count, hours) == pytest.approx(bound, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("detected", "count"), [(0, 1), (0, 60), (1, 2), (93, 94), (247, 301), (7, 7)]
+)
+def test_interval_of_a_fraction(detected: int, count: int) -> None:
+    expected = binomtest(detected, count).proportion_ci(0.95, method="exact")
+    low, high = fraction_interval(detected, count)
+    assert (low, high) == pytest.approx((expected.low, expected.high), abs=1e-9)
+    assert 0.0 <= low <= detected / count <= high <= 1.0
 
 
 def test_free_motion_and_pushes_are_counted_apart() -> None:

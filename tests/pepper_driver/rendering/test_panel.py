@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("matplotlib")
 from matplotlib.axes import Axes
 
+from pepper_driver.figure_style import in_words, joint_title
 from pepper_driver.log import RunLog, read_log
 from pepper_driver.rendering.panel import (
     CURSOR,
@@ -39,21 +40,21 @@ def test_residuals_stand_between_their_thresholds_in_units_for_people(log: RunLo
     for axes, joint in zip(figure.axes, JOINTS, strict=True):
         index = log.joint_names.index(joint)
         factor = 100.0 if joint == "LHand" else np.degrees(1.0)
-        (residual,) = lines(axes, "residual")
-        upper, lower = lines(axes, "threshold")
+        (residual,) = lines(axes, "residual r: measured - predicted")
+        upper, lower = lines(axes, "threshold of r")
         np.testing.assert_allclose(residual, log["residual"][rows, index] * factor)
         np.testing.assert_allclose(upper, log["threshold"][rows, index] * factor)
         np.testing.assert_allclose(lower, -upper)
-        assert axes.get_title() == f"left arm: {joint}"
+        assert axes.get_title() == joint_title(joint)
         assert axes.get_xlim() == (START, STOP)
     units = [axes.get_ylabel() for axes in figure.axes]
-    assert units == ["residual [deg]", "residual [deg]", "residual [% of aperture]"]
+    assert units == ["residual r [deg]", "residual r [deg]", "residual r [% of aperture]"]
 
 
 def test_joints_in_degrees_have_one_scale(log: RunLog) -> None:
     roll, elbow, hand = residual_figure(log, JOINTS, START, STOP, 700, 720).axes
     assert roll.get_ylim() == elbow.get_ylim() != hand.get_ylim()
-    (residual,) = lines(roll, "residual")
+    (residual,) = lines(roll, "residual r: measured - predicted")
     assert roll.get_ylim()[1] >= np.nanmax(np.abs(residual))
 
 
@@ -62,11 +63,16 @@ def test_contacts_are_shaded_and_named_and_the_legend_has_each_line_once(log: Ru
     figure = residual_figure(log, joints, START, STOP, 700, 720)
     contact = next(c for c, _ in log.lasting_contacts() if c.joint == joints[0])
     texts = [text.get_text() for text in figure.axes[0].texts]
-    assert f"{contact.kind}\n{contact.link}" in texts
+    assert f"{contact.kind}\n{in_words(contact.link)}" in texts
     (legend,) = figure.legends
     labels = [text.get_text() for text in legend.get_texts()]
     assert len(labels) == len(set(labels))
-    assert {"residual", "threshold", "contact", "true push (simulation only)"} <= set(labels)
+    assert {
+        "residual r: measured - predicted",
+        "threshold of r",
+        "contact reported",
+        "true push that loads this limb",
+    } <= set(labels)
 
 
 def test_joints_with_contacts_are_shown_and_no_more_than_have_room(log: RunLog) -> None:
