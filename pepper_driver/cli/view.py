@@ -5,17 +5,19 @@ from __future__ import annotations
 import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
 from pepper_driver.cli.console import ModelsOption, make_console, show_line
 from pepper_driver.config.errors import ArgumentError
-from pepper_driver.observer import Contact
-from pepper_driver.robot import Pepper
-from pepper_driver.viewer.host import NO_OBSERVER, Host, HostedRun
+from pepper_driver.viewer import NO_OBSERVER
 from pepper_driver.viewer.view import DEFAULT_HOST, View, check_access, check_extra
+
+if TYPE_CHECKING:
+    from pepper_driver.observer import Contact
+    from pepper_driver.robot import Pepper
 
 LOG_SUFFIX = ".mcap"
 
@@ -87,8 +89,10 @@ def view(
         show_log(console, Path(what), host=host, port=port, token=token, open_browser=not no_open)
         return
     kinds = ["comply"] if reflex is None else [kind for kind in reflex if kind != "none"]
-    # The page begins while the robot is made: both take a second.
     with View(host=host, port=port, token=token, allow_control=allow_control) as page:
+        # Imported only now: meanwhile the page begins.
+        from pepper_driver.viewer.host import Host, HostedRun
+
         robot_host = Host(
             HostedRun(
                 uri=what,
@@ -134,8 +138,10 @@ def show_log(
     """
     check_extra()
     from pepper_driver.viewer.recorded import RecordedPage
+    from pepper_driver.viewer.serving import serve_page
 
-    page = RecordedPage(path, found=found, host=host, port=port, token=check_access(host, token))
+    served = serve_page(host=host, port=port, token=check_access(host, token), title=path.name)
+    page = RecordedPage(path, served, found=found)
     show_line(console, f"view: {page.address}  (Ctrl-C ends it)")
     if open_browser:
         webbrowser.open(page.address)

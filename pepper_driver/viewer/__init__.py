@@ -3,3 +3,6 @@
 ``view.py`` is for the robot's process; ``live.py`` and ``recorded.py`` are the pages, which need the extra ``viewer``.
 Nothing is imported here: the process of the page shall not load the robot.
 """
+
+NO_OBSERVER = "none"
+"""In place of the name of an observer."""

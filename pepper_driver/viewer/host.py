@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import queue
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,7 +11,14 @@ from typing import Any
 
 from pepper_driver.backends import with_query
 from pepper_driver.backends.selection import parse_uri
-from pepper_driver.config import ConfigError, PepperError, RobotConfig, load_experiment, load_robot
+from pepper_driver.config import (
+    ConfigError,
+    PepperError,
+    RobotConfig,
+    load_experiment,
+    load_plant,
+    load_robot,
+)
 from pepper_driver.config.errors import check_name
 from pepper_driver.config.loading import shipped_names
 from pepper_driver.observers import observer_names
@@ -19,8 +26,7 @@ from pepper_driver.reflexes import Reflex
 from pepper_driver.reflexes.declared import declare, make_reflex, make_reflexes, reflex_kinds
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError
-
-NO_OBSERVER = "none"
+from pepper_driver.viewer import NO_OBSERVER
 
 LOOK_PERIOD = 0.2
 """[s] between two looks at what the page asks for."""
@@ -95,15 +101,15 @@ class Host:
     Args:
         run: Settings of the first run.
 
-    Attributes:
-        pepper: The robot of the current run.
+    Raises:
+        PepperError: A name in the settings is wrong. What else is wrong is found as the robot is made, by :meth:`run`.
     """
 
     def __init__(self, run: HostedRun) -> None:
         self._robot, self._run = load_robot(), run
         self._asked: queue.SimpleQueue[HostedRun | str] = queue.SimpleQueue()
         self._simulated = parse_uri(run.uri).scheme == "mujoco"
-        self.pepper = run.make_pepper()
+        self._check(run)
 
     @property
     def choices(self) -> dict[str, object]:
@@ -141,10 +147,8 @@ class Host:
         self, *, plant: str, observer: str, reflexes: Mapping[str, Mapping[str, float]]
     ) -> HostedRun:
         """Return the settings of the next run, checked."""
-        check_name("plant", plant, shipped_names("plants"))
-        check_name("observer", observer, (*observer_names(), NO_OBSERVER))
-        make_gained_reflexes(reflexes, self._robot)
-        return replace(
+        check_name("plant", plant, shipped_names("plants"))  # no file of this computer
+        run = replace(
             self._run,
             uri=with_query(self._run.uri, plant=plant),
             observer=None if observer == NO_OBSERVER else observer,
@@ -152,6 +156,16 @@ class Host:
             reflexes=reflexes,
             number=self._run.number + 1,
         )
+        self._check(run)
+        return run
+
+    def _check(self, run: HostedRun) -> None:
+        """Refuse unknown names, in a moment: to make a robot takes a second."""
+        if self._simulated:
+            load_plant(parse_uri(run.uri).query.get("plant", "nominal"), self._robot)
+        if run.observer is not None:
+            check_name("observer", run.observer, observer_names())
+        make_gained_reflexes(run.reflexes, self._robot)
 
     def run(self, on_run: Callable[[Pepper], None]) -> None:
         """Run until Ctrl-C, or until a real robot is stopped.
@@ -163,30 +177,27 @@ class Host:
             PepperError: The robot cannot be started, or is lost.
         """
         while True:
-            on_run(self.pepper)
+            pepper = self._run.make_pepper()
+            on_run(pepper)
             try:
-                with self.pepper:
-                    self._run = self._serve()
+                with pepper:
+                    self._run = self._serve(pepper)
             except FaultError:
                 if not self._simulated:
                     raise
                 self._run = self._next_run()
-            self.pepper = self._run.make_pepper()
 
-    def _serve(self) -> HostedRun:
+    def _serve(self, pepper: Pepper) -> HostedRun:
         """Play what is asked for, until another run is."""
-        for asked in self._requests():
-            if isinstance(asked, HostedRun):
-                return asked
-            self.pepper.play(asked)
-        raise AssertionError("requests never end")
-
-    def _requests(self) -> Iterator[HostedRun | str]:
         while True:
             try:
-                yield self._asked.get(timeout=LOOK_PERIOD)
+                asked = self._asked.get(timeout=LOOK_PERIOD)
             except queue.Empty:
-                self.pepper.run(0.0)  # raises what ended the ticks
+                pepper.run(0.0)  # raises what ended the ticks
+                continue
+            if isinstance(asked, HostedRun):
+                return asked
+            pepper.play(asked)
 
     def _next_run(self) -> HostedRun:
         """Wait until another run is asked for."""

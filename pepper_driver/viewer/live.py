@@ -20,6 +20,7 @@ from pepper_driver.telemetry import Kind, TelemetryClient, TelemetryError
 from pepper_driver.telemetry.protocol import Message
 from pepper_driver.viewer.page import Page
 from pepper_driver.viewer.picture import Picture, RowDecoder
+from pepper_driver.viewer.serving import ServedPage
 from pepper_driver.viewer.signals import Happenings, stage_text
 
 REFRESH = 0.1
@@ -68,11 +69,11 @@ class LivePage(Page):
 
     Args:
         client: Connected.
-        host, port, token: As for :class:`Page`.
+        served: Where it is shown.
     """
 
-    def __init__(self, client: TelemetryClient, *, host: str, port: int | None, token: str) -> None:
-        super().__init__(load_robot(), host=host, port=port, token=token, title="Pepper")
+    def __init__(self, client: TelemetryClient, served: ServedPage) -> None:
+        super().__init__(load_robot(), served)
         self._client = client
         self._decoder: RowDecoder | None = None
         self._row: bytes | None = None

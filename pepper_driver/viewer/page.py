@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-import logging
-import socket
 from collections import deque
-from contextlib import redirect_stdout
-from io import StringIO
 
-import viser
-
-from pepper_driver.config import PepperError, RobotConfig
-from pepper_driver.config.errors import reason
-from pepper_driver.viewer.guard import guarded_server
+from pepper_driver.config import RobotConfig
 from pepper_driver.viewer.picture import Picture
 from pepper_driver.viewer.scene import RobotScene
+from pepper_driver.viewer.serving import ServedPage
 from pepper_driver.viewer.signals import AUTOMATIC, WINDOW, Curves
-
-FIRST_PORT, PORTS = 8080, 20
-"""Ports that are tried where none is given."""
 
 CAMERA, LOOK_AT, FIELD_OF_VIEW = (2.5, -1.1, 1.25), (0.0, -0.15, 0.62), 0.6
 """[m], [m], [rad] The robot from its front, as a person sees it."""
@@ -27,63 +17,22 @@ CURVE_PERIOD = 0.12
 """[s] between two drawings of the curves."""
 
 
-class PageError(PepperError, RuntimeError):
-    """The page cannot be served; the message is one line."""
-
-
-def free_port(host: str, port: int | None) -> int:
-    """Return a port that can be served: the given one, or the first free one.
-
-    Raises:
-        PageError: It is taken, or the address is not one of this computer.
-    """
-    last: OSError | None = None
-    for number in range(FIRST_PORT, FIRST_PORT + PORTS) if port is None else (port,):
-        try:
-            with socket.create_server((host, number)) as probe:
-                return int(probe.getsockname()[1])
-        except OSError as error:
-            last = error
-    where = f"{host}:{FIRST_PORT if port is None else port}"
-    raise PageError(
-        f"the page cannot be served at {where} ({reason(last) if last else 'no port'}): choose another --port"
-    )
-
-
 class Page:
     """A page with the robot in space, curves, and switches for what is shown.
 
     Args:
         robot: Description of the robot.
-        host: Where it is served.
-        port: None for the first free one.
-        token: Part of its address.
-        title: Above its panel.
+        served: Where it is shown.
 
     Attributes:
         server: Of viser.
         address: Of the page.
         scene: The robot in space.
         status: Text at the top.
-
-    Raises:
-        PageError: The port is taken.
     """
 
-    def __init__(
-        self, robot: RobotConfig, *, host: str, port: int | None, token: str, title: str
-    ) -> None:
-        logging.getLogger("websockets").setLevel(logging.CRITICAL)
-        port = free_port(host, port)
-        with (
-            guarded_server(token),
-            redirect_stdout(StringIO()),
-        ):  # it prints addresses without a token
-            self.server = viser.ViserServer(host=host, port=port, label=title, verbose=False)
-        if self.server.get_port() != port:
-            raise PageError(f"port {port} was taken meanwhile: choose another --port")
-        shown_host = f"[{host}]" if ":" in host else host
-        self.address = f"http://{shown_host}:{port}/{token}/"
+    def __init__(self, robot: RobotConfig, served: ServedPage) -> None:
+        self.server, self.address = served.server, served.address
         self.robot = robot
         gui = self.server.gui
         gui.configure_theme(control_width="large", show_share_button=False, show_logo=False)

@@ -1,6 +1,7 @@
 """The process of the page of a running robot; :class:`pepper_driver.viewer.view.PageProcess` starts it.
 
-It reads its settings as one line of JSON, prints one line with the address or an error, and ends when its input does.
+It reads lines of JSON: where the page is served, and then where the stream is. To the first it answers with a line, the
+address or an error. It ends when its input does.
 """
 
 from __future__ import annotations
@@ -9,8 +10,10 @@ import json
 import os
 import sys
 import threading
+from queue import SimpleQueue
+from typing import Any
 
-from pepper_driver.config import PepperError
+from pepper_driver.config.errors import PepperError
 
 NICENESS = 10
 """The page may come late, the robot's program not."""
@@ -21,33 +24,40 @@ def main() -> None:
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "w")
     with open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), sys.stdout.fileno())  # viser prints
-    settings = json.loads(sys.stdin.readline())
     if hasattr(os, "nice"):
         os.nice(NICENESS)
+    lines: SimpleQueue[Any] = SimpleQueue()
 
-    def end_with_parent() -> None:
-        sys.stdin.read()
+    def read() -> None:
+        for line in sys.stdin:
+            lines.put(json.loads(line))
         os._exit(0)
 
-    threading.Thread(target=end_with_parent, daemon=True).start()
+    threading.Thread(target=read, daemon=True).start()
 
     def answer(**contents: str) -> None:
         answers.write(json.dumps(contents) + "\n")
         answers.flush()
 
-    # Imported only now: it takes half a second, in which the parent may have ended.
-    from pepper_driver.telemetry import TelemetryClient
-    from pepper_driver.viewer.live import LivePage
+    from pepper_driver.viewer.serving import serve_page
 
     try:
-        host, port, token = settings.pop("telemetry")
-        client = TelemetryClient((host, port), token)
-        page = LivePage(client, **settings)
+        served = serve_page(**lines.get())
     except PepperError as error:
         answer(error=str(error))
         return
-    answer(address=page.address)
-    page.run()
+    answer(address=served.address)
+
+    # Imported only now: meanwhile the browser loads the page.
+    from pepper_driver.telemetry import TelemetryClient, TelemetryError
+    from pepper_driver.viewer.live import LivePage
+
+    host, port, token = lines.get()
+    try:
+        client = TelemetryClient((host, port), token)
+    except TelemetryError:  # the program is about to end
+        return
+    LivePage(client, served).run()
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from pepper_driver.observer import Contact
 from pepper_driver.observers import observer_names
 from pepper_driver.viewer.page import Page
 from pepper_driver.viewer.picture import Picture, picture_of
+from pepper_driver.viewer.serving import ServedPage
 from pepper_driver.viewer.signals import SHOWN_LINES, WINDOW, Happenings
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "5", "10")
@@ -39,8 +40,8 @@ class RecordedPage(Page):
 
     Args:
         path: The log.
+        served: Where it is shown.
         found: Contacts of a replay.
-        host, port, token: As for :class:`Page`.
 
     Raises:
         LogError: It cannot be read, or has no tick.
@@ -49,11 +50,9 @@ class RecordedPage(Page):
     def __init__(
         self,
         path: Path,
+        served: ServedPage,
         *,
         found: Sequence[Contact] = (),
-        host: str,
-        port: int | None,
-        token: str,
     ) -> None:
         self._path, self._log = path, read_log(path)
         log = self._log
@@ -64,7 +63,7 @@ class RecordedPage(Page):
             raise PepperError(f"{path}: is of another robot ('{log.robot}')")
         self._base, self._tilt = base_path(log)
         self._times = log["time"]
-        super().__init__(robot, host=host, port=port, token=token, title=path.name)
+        super().__init__(robot, served)
         gui = self.server.gui
         begin, end = float(self._times[0]), float(self._times[-1])
         self._moment, self._playing = begin, False

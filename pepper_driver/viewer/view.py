@@ -13,13 +13,14 @@ from contextlib import suppress
 from functools import cached_property
 from importlib.util import find_spec
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, TYPE_CHECKING, Any, Self
 
 from pepper_driver.config import MissingExtraError, PepperError
-from pepper_driver.robot import Pepper
-from pepper_driver.telemetry import TelemetryServer
-from pepper_driver.telemetry.server import Request
-from pepper_driver.viewer.controls import Controls
+
+if TYPE_CHECKING:
+    from pepper_driver.robot import Pepper
+    from pepper_driver.telemetry.server import Request
+    from pepper_driver.viewer.controls import Controls
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 DEFAULT_HOST = "127.0.0.1"
@@ -92,19 +93,16 @@ class View:
         token = check_access(host, token)
         self._allow_control = allow_control
         self._controls: Controls | None = None
-        self._telemetry = TelemetryServer(self._do, on_leave=self._leave, can=self._offers)
+        self._process = PageProcess(host=host, port=port, token=token)
+        # Imported only now: meanwhile the page begins.
+        from pepper_driver.telemetry.server import TelemetryServer
+
         try:
-            self._process = PageProcess(
-                {
-                    "telemetry": [*self._telemetry.address, self._telemetry.token],
-                    "host": host,
-                    "port": port,
-                    "token": token,
-                }
-            )
+            self._telemetry = TelemetryServer(self._do, on_leave=self._leave, can=self._offers)
         except BaseException:
-            self._telemetry.close()
+            self._process.close()
             raise
+        self._process.listen_to(self._telemetry.address, self._telemetry.token)
 
     @property
     def address(self) -> str:
@@ -129,6 +127,8 @@ class View:
             perform: Plays and restarts, see :class:`Controls`.
             choices: What ``perform`` can do, for the page to show.
         """
+        from pepper_driver.viewer.controls import Controls
+
         self._controls = Controls(
             pepper, allow_control=self._allow_control, perform=perform, choices=choices
         )
@@ -180,10 +180,12 @@ class PageProcess:
     """The process that serves the page; it ends with the one that started it.
 
     Args:
-        settings: For :mod:`pepper_driver.viewer.process`.
+        host: Where the page is served.
+        port: Of the page; None for the first free one.
+        token: Part of the address.
     """
 
-    def __init__(self, settings: Mapping[str, object]) -> None:
+    def __init__(self, *, host: str, port: int | None, token: str) -> None:
         self._process = subprocess.Popen(
             [sys.executable, "-m", "pepper_driver.viewer.process"],
             stdin=subprocess.PIPE,
@@ -191,6 +193,13 @@ class PageProcess:
             text=True,
             start_new_session=True,  # Ctrl-C is for the robot's program, which ends this one
         )
+        self._tell({"host": host, "port": port, "token": token})
+
+    def listen_to(self, address: tuple[str, int], token: str) -> None:
+        """Say where the stream of the robot is."""
+        self._tell([*address, token])
+
+    def _tell(self, settings: object) -> None:
         with suppress(OSError):  # it ended
             self._stdin.write(json.dumps(settings) + "\n")
             self._stdin.flush()

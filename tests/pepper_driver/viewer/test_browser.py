@@ -19,6 +19,7 @@ from pepper_driver.config import load_robot
 from pepper_driver.log import read_log
 from pepper_driver.reflexes import Comply
 from pepper_driver.viewer.page import CAMERA, FIELD_OF_VIEW, LOOK_AT
+from pepper_driver.viewer.serving import serve_page
 from pepper_driver.viewer.view import View
 from support.browsers import click, hosts_asked, open_browser, text_of, wait_until
 
@@ -133,7 +134,7 @@ def test_a_log_is_played_and_computed_again(browser: Any, tmp_path: Path) -> Non
         pepper.run(3.0)
     recorded = [c for c in read_log(log).contacts if c.phase == "begin"]
     assert recorded
-    page = RecordedPage(log, host="127.0.0.1", port=0, token=TOKEN)
+    page = RecordedPage(log, serve_page(host="127.0.0.1", port=0, token=TOKEN))
     threading.Thread(target=page.run, daemon=True).start()
     browser.get(page.address)
     wait_until(lambda: "touched:" in text_of(browser))
