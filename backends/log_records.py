@@ -10,7 +10,6 @@ import json
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from io import BytesIO
 from typing import NamedTuple
 
@@ -32,7 +31,7 @@ _CHUNK = struct.Struct(
 )  # times, size, checksum, length and name of the compression, compressed size
 _COMPRESSION = struct.pack("<I4s", 4, b"zstd")
 _COMPRESSION_OFFSET = _HEADER.size + 8 + 8 + 8 + 4
-_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, times
+_MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length of what follows, channel, sequence, times
 _FOOTER_SIZE = _HEADER.size + 8 + 8 + 4
 
 
@@ -45,50 +44,51 @@ class Message(NamedTuple):
     data: bytes
 
 
-@dataclass(frozen=True, kw_only=True)
-class Records:
-    """Intact records of a file.
-
-    Attributes:
-        messages: In the order of the file.
-        damaged: For each chunk that is there to its end, but damaged: how many of the messages come before it.
-        metadata: The first intact record of each name.
-        finished: True where the file ends as its writer ended it.
-    """
-
-    messages: tuple[Message, ...]
-    damaged: tuple[int, ...]
-    metadata: dict[str, dict[str, str]]
-    finished: bool
-
-
 def with_checksum(data: Mapping[str, str]) -> dict[str, str]:
     """Return metadata with its checksum."""
     return {**data, CHECKSUM: _checksum(data)}
 
 
-def find_records(data: bytes, names: tuple[str, ...]) -> Records:
-    """Find all intact chunks of a file, and the metadata of these names."""
-    messages: list[Message] = []
-    damaged: list[int] = []
-    position = 0
+def find_metadata(data: bytes, names: tuple[str, ...]) -> dict[str, dict[str, str]]:
+    """Return the first intact metadata of each name in a file, where there is one."""
+    found = {name: _find_metadata(data, name) for name in names}
+    return {name: values for name, values in found.items() if values is not None}
+
+
+def find_chunks(data: bytes) -> Iterator[bytes | None]:
+    """Yield what is in each chunk that is there to its end; None for one that is damaged."""
+    decompressor, position = zstandard.ZstdDecompressor(), 0
     while (found := data.find(_COMPRESSION, position)) >= 0:
         position = found + 1
         begin = found - _COMPRESSION_OFFSET
         if begin < 0 or (end := _chunk_end(data, begin)) is None:
             continue  # these bytes mean something else, or the file ends before the chunk does
-        contents = _decompress(data, begin, end)
-        if contents is None:
-            damaged.append(len(messages))
-            continue
-        messages += _messages(contents)
-        position = end
-    found_metadata = {name: _find_metadata(data, name) for name in names}
-    return Records(
-        messages=tuple(messages),
-        damaged=tuple(damaged),
-        metadata={name: values for name, values in found_metadata.items() if values is not None},
-        finished=_is_finished(data),
+        contents = _decompress(data, begin, end, decompressor)
+        if contents is not None:
+            position = end
+        yield contents
+
+
+def messages_in(contents: bytes) -> Iterator[Message]:
+    """Yield the messages of a chunk."""
+    position, end = 0, len(contents)
+    while (
+        position + _MESSAGE.size <= end
+    ):  # no other record matters: the rest is smaller, or padding
+        opcode, length, channel, sequence, time, _ = _MESSAGE.unpack_from(contents, position)
+        start = position + _MESSAGE.size
+        position += _HEADER.size + length
+        if opcode == Opcode.MESSAGE and start <= position:
+            yield Message(channel, sequence, time, contents[start:position])
+
+
+def is_finished(data: bytes) -> bool:
+    """Return True where a file ends as its writer ended it."""
+    footer = len(data) - len(MCAP0_MAGIC) - _FOOTER_SIZE
+    return (
+        footer >= 0
+        and data.endswith(MCAP0_MAGIC)
+        and _HEADER.unpack_from(data, footer) == (Opcode.FOOTER, _FOOTER_SIZE - _HEADER.size)
     )
 
 
@@ -107,7 +107,9 @@ def _chunk_end(data: bytes, begin: int) -> int | None:
     return end if is_chunk else None
 
 
-def _decompress(data: bytes, begin: int, end: int) -> bytes | None:
+def _decompress(
+    data: bytes, begin: int, end: int, decompressor: zstandard.ZstdDecompressor
+) -> bytes | None:
     """Return what is in a chunk; None where it is damaged."""
     start = begin + _HEADER.size
     _, _, size, checksum, *_ = _CHUNK.unpack_from(data, start)
@@ -115,30 +117,13 @@ def _decompress(data: bytes, begin: int, end: int) -> bytes | None:
     try:
         if size > MAX_CHUNK or zstandard.frame_content_size(compressed) != size:
             return None
-        contents = zstandard.ZstdDecompressor().decompress(compressed)
+        contents = decompressor.decompress(compressed)
     except zstandard.ZstdError:
         return None
     return contents if zlib.crc32(contents) == checksum else None
 
 
-def _messages(contents: bytes) -> Iterator[Message]:
-    for opcode, body in _records(contents):
-        if opcode == Opcode.MESSAGE and len(body) >= _MESSAGE.size:
-            channel, sequence, time, _ = _MESSAGE.unpack_from(body)
-            yield Message(channel, sequence, time, bytes(body[_MESSAGE.size :]))
-
-
-def _records(contents: bytes) -> Iterator[tuple[int, memoryview]]:
-    """Yield opcode and body of each record of a chunk."""
-    view, position = memoryview(contents), 0
-    while position + _HEADER.size <= len(view):
-        opcode, length = _HEADER.unpack_from(view, position)
-        start = position + _HEADER.size
-        position = start + length
-        yield opcode, view[start:position]
-
-
-# -- metadata and end ---------------------------------------------------------------------------------------------
+# -- metadata -------------------------------------------------------------------------------------------------
 
 
 def _find_metadata(data: bytes, name: str) -> dict[str, str] | None:
@@ -175,12 +160,3 @@ def _metadata(data: bytes, begin: int) -> dict[str, str] | None:
 
 def _checksum(data: Mapping[str, str]) -> str:
     return str(zlib.crc32(json.dumps(data, sort_keys=True).encode()))
-
-
-def _is_finished(data: bytes) -> bool:
-    footer = len(data) - len(MCAP0_MAGIC) - _FOOTER_SIZE
-    return (
-        footer >= 0
-        and data.endswith(MCAP0_MAGIC)
-        and _HEADER.unpack_from(data, footer) == (Opcode.FOOTER, _FOOTER_SIZE - _HEADER.size)
-    )

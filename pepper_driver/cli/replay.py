@@ -65,7 +65,7 @@ def replay_command(
         console.print(f"log: {out}")
     save_json(json_file, result.as_json(), console)
     if view:
-        show_log(console, log, found=[contact for _, contact in found.contacts])
+        show_log(console, log, pairs=result.contacts)
     return 0 if result.identical else 1
 
 

@@ -17,6 +17,7 @@ from pepper_driver.viewer.view import DEFAULT_HOST, View, check_access, check_ex
 
 if TYPE_CHECKING:
     from pepper_driver.observer import Contact
+    from pepper_driver.replay.comparison import MatchedPair
     from pepper_driver.robot import Pepper
 
 LOG_SUFFIX = ".mcap"
@@ -116,7 +117,7 @@ def show_log(
     console: Console,
     path: Path,
     *,
-    found: Sequence[Contact] = (),
+    pairs: Sequence[MatchedPair[Contact]] | None = None,
     host: str = DEFAULT_HOST,
     port: int | None = None,
     token: str | None = None,
@@ -127,7 +128,7 @@ def show_log(
     Args:
         console: Where the address is printed.
         path: The log.
-        found: Contacts of a replay, to be shown beside those recorded.
+        pairs: Contacts of the log beside those of a replay; None before one.
         host: Where the page is served.
         port: Of the page; None for the first free one.
         token: Part of the address; None for a new one.
@@ -141,7 +142,7 @@ def show_log(
     from pepper_driver.viewer.serving import serve_page
 
     served = serve_page(host=host, port=port, token=check_access(host, token), title=path.name)
-    page = RecordedPage(path, served, found=found)
+    page = RecordedPage(path, served, pairs=pairs)
     show_line(console, f"view: {page.address}  (Ctrl-C ends it)")
     if open_browser:
         webbrowser.open(page.address)

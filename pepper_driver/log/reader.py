@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -120,20 +120,29 @@ class RunLog:
                 truth=truth if len(truth["time"]) else None,
                 labels=_items(file, LABELS),
                 events=_items(file, EVENTS),
-                elements={p + f.name: f.elements for p, f in elements if f.elements is not None},
+                elements={
+                    p + f.name: f.elements
+                    for p, f in elements
+                    if f.elements is not None and f.name in (truth if p else ticks)
+                },
             )
         except Exception as error:  # decoders raise anything on damaged bytes
             raise misfit(file.path, error) from error
 
 
 @checked_arguments
-def read_log(path: Path | str) -> RunLog:
+def read_log(path: Path | str, *, names: Collection[str] | None = None) -> RunLog:
     """Read all of a log that is intact, and warn in one line of what is missing.
+
+    Args:
+        path: The file.
+        names: Of the fields of ticks and of the truth that are kept, ``time`` among them; None for all. An hour of all
+            is 0.8 GB in memory.
 
     Raises:
         LogError: The file is missing, no log of this package, or nothing of it is intact.
     """
-    return RunLog.of(read_log_file(as_path("path", path), usual_layout()))
+    return RunLog.of(read_log_file(as_path("path", path), usual_layout(), names=names))
 
 
 def usual_layout() -> dict[str, str]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pepper_driver.backends.log_file import RawLog, decode_records, read_records
+from pepper_driver.backends.log_file import RawLog, decode_log, read_bytes
+from pepper_driver.backends.log_records import find_chunks, messages_in
 from pepper_driver.config.file_lock import lock_file
 from pepper_driver.config.files import OutputError, make_folder, replacing
 from pepper_driver.log.reader import usual_layout
@@ -28,8 +29,8 @@ def repair_log(path: Path, out: Path, *, force: bool = False) -> RawLog:
         LogError: The log is missing, no log of this package, or nothing of it is intact.
         OutputError: ``out`` cannot be written, is there already, or is the log itself.
     """
-    records = read_records(path)
-    file = decode_records(path, records, usual_layout())
+    data = read_bytes(path)
+    file = decode_log(path, data, usual_layout())
     if out.exists():
         if out.samefile(path):
             raise OutputError(f"{out}: is the log itself; name another file")
@@ -40,8 +41,9 @@ def repair_log(path: Path, out: Path, *, force: bool = False) -> RawLog:
     with lock_file(out), replacing(out) as partial:
         repaired = McapFile(partial, file.layout, metadata)
         try:
-            for message in records.messages:
-                repaired.copy(message)
+            for contents in find_chunks(data):
+                for message in messages_in(contents or b""):
+                    repaired.copy(message)
             repaired.finish(complete=file.complete)
         finally:
             repaired.abandon()

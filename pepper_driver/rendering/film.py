@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
@@ -20,13 +19,12 @@ from pepper_driver.config.arrays import FloatArray, PixelArray
 from pepper_driver.config.errors import check_name
 from pepper_driver.config.files import check_writable, replacing
 from pepper_driver.log import RunLog
-from pepper_driver.log.base_path import base_path
 from pepper_driver.log.plots import rows_between
 from pepper_driver.observer import Contact
 from pepper_driver.rendering import Format, View
 from pepper_driver.rendering.gl import RenderError, check_gl
 from pepper_driver.rendering.panel import MAX_JOINTS, SignalPanel, joints_to_show
-from pepper_driver.viewer.picture import Picture, picture_of
+from pepper_driver.viewer.moments import Moments
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -240,10 +238,8 @@ class Frames:
         # Only now: importing MuJoCo fails where an environment variable asks for a library that is not there.
         from pepper_driver.rendering.scene import SceneRenderer
 
-        self._log, log = film.log, film.log
-        self._base, self._tilt = base_path(log)
-        self._ticks = log["time"].tolist()
-        self._contacts = sorted(log.contacts, key=lambda contact: contact.time)
+        log = film.log
+        self._moments = Moments(log)
         width, height = film.size
         scene = _scene_size(width, height) if film.joints else film.size
         self._panel: SignalPanel | None = None
@@ -252,7 +248,7 @@ class Frames:
             panel = (width - scene[0], height) if self._beside else (width, height - scene[1])
             self._panel = SignalPanel(log, film.joints, film.start, film.stop, *panel)
         self._caption = Caption(film.robot, round(CAPTION_HEIGHT * min(height, width)))
-        heading = float(np.nan_to_num(self._base[self._row(film.start), 2]))
+        heading = float(np.nan_to_num(self._moments.base[self._moments.row(film.start), 2]))
         self._scene = SceneRenderer(film.robot, *scene, view=film.view, heading=heading)
 
     def __enter__(self) -> Self:
@@ -268,34 +264,19 @@ class Frames:
 
     def draw(self, time: float) -> PixelArray:
         """Return (height, width, 3) pixels at a time [s]."""
-        felt = self._felt(time)
-        robot = self._scene.draw(self._picture(self._row(time)), felt)
+        felt = self._moments.felt(time)
+        picture = self._moments.picture(self._moments.row(time))
+        robot = self._scene.draw(picture, felt)
         robot = self._caption.write(
             robot,
             time,
             felt,
             observed=self._panel is not None,
-            simulated=self._log.truth is not None,
+            simulated=self._moments.log.truth is not None,
         )
         if self._panel is None:
             return robot
         return np.concatenate((robot, self._panel.draw(time)), axis=1 if self._beside else 0)
-
-    def _row(self, time: float) -> int:
-        return max(0, bisect_right(self._ticks, time + 1e-9) - 1)
-
-    def _picture(self, row: int) -> Picture:
-        fields = {name: column[row] for name, column in self._log.fields.items()}
-        return picture_of(fields, self._base[row], self._tilt[row])
-
-    def _felt(self, time: float) -> list[Contact]:
-        """Return the contacts at a time, as they were known then."""
-        felt: dict[int, Contact] = {}
-        for contact in self._contacts:
-            if contact.time > time:
-                break
-            felt[contact.id] = contact
-        return [c for c in felt.values() if c.phase != "end" and c.kind != "rebound"]
 
 
 class Caption:

@@ -11,6 +11,22 @@ import numpy as np
 from pepper_driver.backends.log_file import CDR_HEADER, TICK_TOPIC, fields_of, row_type
 from pepper_driver.config.arrays import FloatArray, IntArray
 
+LOG_FIELDS = (
+    "time",
+    "position",
+    "sent_position",
+    "residual",
+    "threshold",
+    "torque",
+    "torque_std",
+    "state",
+    "missed",
+    "wheel_speed",
+    "base",
+    "tilt",
+)
+"""Fields of a log that are shown."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Force:

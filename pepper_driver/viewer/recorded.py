@@ -7,20 +7,22 @@ import time
 from bisect import bisect_right
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import viser
 
 from pepper_driver.config import PepperError, load_robot
-from pepper_driver.log import LogEvent
-from pepper_driver.log.base_path import base_path
 from pepper_driver.log.reader import read_log
 from pepper_driver.observer import Contact
 from pepper_driver.observers import observer_names
+from pepper_driver.viewer.moments import Moments
 from pepper_driver.viewer.page import Page
-from pepper_driver.viewer.picture import Picture, picture_of
+from pepper_driver.viewer.picture import LOG_FIELDS, Picture
 from pepper_driver.viewer.serving import ServedPage
-from pepper_driver.viewer.signals import SHOWN_LINES, WINDOW, Happenings
+from pepper_driver.viewer.signals import SHOWN_LINES, WINDOW, Happenings, pair_table, time_line
+
+if TYPE_CHECKING:
+    from pepper_driver.replay.comparison import MatchedPair
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "5", "10")
 """Times real time."""
@@ -41,7 +43,7 @@ class RecordedPage(Page):
     Args:
         path: The log.
         served: Where it is shown.
-        found: Contacts of a replay.
+        pairs: Recorded contacts beside those of a replay; None before one.
 
     Raises:
         LogError: It cannot be read, or has no tick.
@@ -52,21 +54,21 @@ class RecordedPage(Page):
         path: Path,
         served: ServedPage,
         *,
-        found: Sequence[Contact] = (),
+        pairs: Sequence[MatchedPair[Contact]] | None = None,
     ) -> None:
-        self._path, self._log = path, read_log(path)
-        log = self._log
+        self._path, log = path, read_log(path, names=LOG_FIELDS)
         if not len(log):
             raise PepperError(f"{path}: has no tick")
         robot = load_robot()
         if log.joint_names != robot.joint_names:
             raise PepperError(f"{path}: is of another robot ('{log.robot}')")
-        self._base, self._tilt = base_path(log)
-        self._times = log["time"]
+        self._moments = Moments(log)
         super().__init__(robot, served)
         gui = self.server.gui
-        begin, end = float(self._times[0]), float(self._times[-1])
+        begin, end = float(log["time"][0]), float(log["time"][-1])
+        self._begin, self._end = begin, end
         self._moment, self._playing = begin, False
+        self._line = gui.add_html("")
         self._play = gui.add_button("Play  (key P)", icon=None)
         self._slider = gui.add_slider("Time [s]", begin, max(end, begin + 0.012), 0.012, begin)
         self._speed = gui.add_dropdown("Speed", SPEEDS, initial_value="1")
@@ -77,18 +79,15 @@ class RecordedPage(Page):
         with tabs.add_tab("Signals"):
             self.add_curves()
         with tabs.add_tab("Contacts"):
-            self._recorded = Happenings(self.server, "Recorded")
-            self._found = Happenings(self.server, "Recomputed")
+            self._table = gui.add_html("")
             self._chosen = gui.add_dropdown("Observer", (RECOMPUTE, *observer_names()))
             self._recompute = gui.add_button("Recompute")
             self._recompute.on_click(lambda _: self._start_replay())
+            self._events = Happenings(self.server, "Events")
         with tabs.add_tab("Show"):
             self.add_switches()
-        self._happened: list[Contact | LogEvent] = sorted(
-            [*log.contacts, *log.events], key=lambda item: item.time
-        )
-        self._happened_times = [item.time for item in self._happened]
-        self._again = list(found)
+        self._event_times = [event.time for event in log.events]
+        self._set_pairs(pairs)
         self._drawn: float | None = None
         self._shown: Picture | None = None  # its curves are to be drawn
         about = log.metadata
@@ -105,8 +104,8 @@ class RecordedPage(Page):
             passed, last = now - last, now
             if self._playing:
                 self._moment += passed * float(self._speed.value)
-                if self._moment >= self._times[-1]:
-                    self._moment, self._playing = float(self._times[-1]), False
+                if self._moment >= self._end:
+                    self._moment, self._playing = self._end, False
                     self._play.label = "Play  (key P)"
                 self._slider.value = self._moment  # type: ignore[misc]  # the setter stands apart
             self._draw()
@@ -114,8 +113,8 @@ class RecordedPage(Page):
                 self._shown = None
 
     def _toggle(self) -> None:
-        if not self._playing and self._moment >= self._times[-1]:
-            self._moment = float(self._times[0])
+        if not self._playing and self._moment >= self._end:
+            self._moment = self._begin
         self._playing = not self._playing
         self._play.label = f"{'Pause' if self._playing else 'Play'}  (key P)"
 
@@ -123,15 +122,20 @@ class RecordedPage(Page):
         if event.client is not None:  # moved on the page, not by the playing
             self._moment = float(self._slider.value)
 
-    def _row(self, moment: float) -> int:
-        return max(0, bisect_right(self._times, moment) - 1)
-
-    def _picture(self, row: int) -> Picture:
-        return picture_of(
-            {name: column[row] for name, column in self._log.fields.items()},
-            self._base[row],
-            self._tilt[row],
+    def _set_pairs(self, pairs: Sequence[MatchedPair[Contact]] | None) -> None:
+        """Show these contacts from now on; without a replay those of the log."""
+        log = self._moments.log
+        self._recomputed = pairs is not None
+        self._pairs: list[tuple[Contact | None, Contact | None]] = (
+            [(contact, None) for contact, _ in log.lasting_contacts()]
+            if pairs is None
+            else [(pair.recorded, pair.found) for pair in pairs]
         )
+        self._pairs.sort(key=_onset)
+        self._line.content = time_line(
+            self._pairs, self._begin, self._end, recomputed=self._recomputed
+        )
+        self._drawn = None
 
     def _draw(self) -> None:
         if self._drawn == self._moment:
@@ -140,22 +144,22 @@ class RecordedPage(Page):
         self._drawn = self._moment
         if jumped:
             self.scene.clear()
-        row = self._row(self._moment)
-        picture = self._picture(row)
-        felt = [
-            c for c, end in self._log.lasting_contacts() if c.detection_time <= picture.time < end
-        ]
+        moments = self._moments
+        row = moments.row(self._moment)
+        picture, felt = moments.picture(row), moments.felt(self._moment)
         self.scene.show(picture, felt)
-        first, last = self._row(self._moment - WINDOW), self._row(self._moment + AHEAD)
+        first, last = moments.row(self._moment - WINDOW), moments.row(self._moment + AHEAD)
         self.pictures.clear()
         self.pictures.extend(
-            self._picture(r) for r in range(first, last + 1, max(1, (last - first) // 300))
+            moments.picture(r) for r in range(first, last + 1, max(1, (last - first) // 300))
         )
         self._shown = picture
-        count = bisect_right(self._happened_times, self._moment)
-        self._recorded.show(self._happened[max(0, count - SHOWN_LINES) : count])
-        again = [c for c in self._again if c.time <= self._moment]
-        self._found.show(again[-SHOWN_LINES:])
+        count = bisect_right(self._event_times, self._moment)
+        self._events.show(moments.log.events[max(0, count - SHOWN_LINES) : count])
+        count = bisect_right(self._pairs, self._moment, key=_onset)
+        self._table.content = pair_table(
+            self._pairs[max(0, count - SHOWN_LINES) : count], recomputed=self._recomputed
+        )
         touched = ", ".join(sorted({c.limb for c in felt})) or "nothing"
         self.status.content = f"{self._about}  \n{picture.time:.2f} s · touched: **{touched}**"
 
@@ -168,17 +172,19 @@ class RecordedPage(Page):
 
     def _replay(self) -> None:
         # Only now: it brings observer and controller.
-        from pepper_driver.replay import load_run, replay
+        from pepper_driver.replay import compare, load_run, replay
 
         try:
             run = load_run(self._path)
             name = None if self._chosen.value == RECOMPUTE else self._chosen.value
-            found = replay(run, run.observer(name))
-            self._again = [c for _, c in found.contacts if c.phase != "update"]
-            self._drawn = None
+            self._set_pairs(compare(run, replay(run, run.observer(name))).contacts)
         except PepperError as error:
             for client in self.server.get_clients().values():
                 client.add_notification("Cannot be recomputed", str(error), auto_close_seconds=8.0)
         finally:
             self._recompute.disabled = False
             self._recompute.label = "Recompute"
+
+
+def _onset(pair: tuple[Contact | None, Contact | None]) -> float:
+    return min(contact.onset_time for contact in pair if contact is not None)

@@ -11,6 +11,16 @@ import viser
 from viser import uplot
 
 from pepper_driver.config import RobotConfig
+from pepper_driver.figure_style import (
+    BLUE,
+    GREY,
+    ORANGE,
+    RED,
+    SHADE,
+    VERMILION,
+    VIOLET,
+    in_words,
+)
 from pepper_driver.log import LogEvent
 from pepper_driver.observer import Contact
 from pepper_driver.viewer.picture import Picture
@@ -26,6 +36,9 @@ SHOWN_LINES = 12
 
 AUTOMATIC = "most touched"
 """In place of a joint: the one whose residual is nearest to its threshold, or beyond."""
+
+LINE_WIDTH, LINE_ROW, MIN_BAR = 1000, 12, 2.0
+"""Units of the time line: its width, the height of a row, the least width of a bar."""
 
 HOLD_CHOICE = 2.0
 """[s] for which the automatic choice stays on a joint."""
@@ -53,9 +66,9 @@ class Curves:
             (empty, empty, empty, empty),
             (
                 uplot.Series(label="time [s]"),
-                uplot.Series(label="residual [deg]", stroke="#d62728", width=2),
-                uplot.Series(label="threshold [deg]", stroke="#777777", dash=(6.0, 4.0)),
-                uplot.Series(label="- threshold [deg]", stroke="#777777", dash=(6.0, 4.0)),
+                uplot.Series(label="residual [deg]", stroke=VIOLET, width=2),
+                uplot.Series(label="threshold [deg]", stroke=RED, dash=(6.0, 4.0)),
+                uplot.Series(label="- threshold [deg]", stroke=RED, dash=(6.0, 4.0)),
             ),
             scales={"x": uplot.Scale(time=False)},
             axes=(*axes, uplot.Axis(label="residual [deg]")),
@@ -66,9 +79,9 @@ class Curves:
             (empty, empty, empty, empty),
             (
                 uplot.Series(label="time [s]"),
-                uplot.Series(label="torque [N m]", stroke="#1f77b4", width=2),
-                uplot.Series(label="+ one deviation", stroke="#9ecae1"),
-                uplot.Series(label="- one deviation", stroke="#9ecae1"),
+                uplot.Series(label="torque [N m]", stroke=VERMILION, width=2),
+                uplot.Series(label="+ one deviation", stroke=ORANGE),
+                uplot.Series(label="- one deviation", stroke=ORANGE),
             ),
             scales={"x": uplot.Scale(time=False)},
             axes=(*axes, uplot.Axis(label="torque [N m]")),
@@ -146,6 +159,75 @@ class Happenings:
             f'<div style="font-size:0.8em;line-height:1.45;padding:0 1em 0.5em">'
             f"<b>{html.escape(self._title)}</b>{lines}</div>"
         )
+
+
+def pair_table(pairs: Sequence[tuple[Contact | None, Contact | None]], *, recomputed: bool) -> str:
+    """Return recorded and recomputed contacts beside each other as HTML, the newest first.
+
+    Args:
+        pairs: Those that match; None for a contact that only the other has.
+        recomputed: False before a replay: there is one column.
+    """
+    heads = ("Recorded contacts", "Recomputed") if recomputed else ("Recorded contacts",)
+    rows = [
+        "".join(f"<td>{_touch(contact)}</td>" for contact in pair[: len(heads)])
+        for pair in reversed(pairs)
+    ] or ["<td>none until now</td>"]
+    return (
+        '<table style="font-size:0.8em;line-height:1.3;margin:0 1em 0.5em;width:90%;text-align:left">'
+        f"<tr>{''.join(f'<th>{head}</th>' for head in heads)}</tr>"
+        f"{''.join(f'<tr>{row}</tr>' for row in rows)}</table>"
+    )
+
+
+def _touch(contact: Contact | None) -> str:
+    """Return onset, place and torque of a contact as HTML."""
+    if contact is None:
+        return "&ndash;"
+    torque = "" if contact.torque is None else f", {abs(contact.torque):.1f} N m"
+    kind = "" if contact.kind == "contact" else f"{contact.kind}, "
+    return html.escape(f"{contact.onset_time:.2f} s {kind}{in_words(contact.link)}{torque}")
+
+
+def time_line(
+    pairs: Sequence[tuple[Contact | None, Contact | None]],
+    begin: float,
+    end: float,
+    *,
+    recomputed: bool,
+) -> str:
+    """Return contacts over the time of a log as HTML: a bar for each, rebounds grey.
+
+    Args:
+        pairs: See :func:`pair_table`.
+        begin: Of the log [s].
+        end: The same.
+        recomputed: False before a replay: there is one row.
+    """
+    names = ("recorded", "recomputed") if recomputed else ("recorded",)
+    scale = LINE_WIDTH / max(end - begin, 1e-9)
+    bars = []
+    for row, color in enumerate((BLUE, ORANGE)[: len(names)]):
+        for contact in (pair[row] for pair in pairs):
+            if contact is None:
+                continue
+            left = scale * (contact.onset_time - begin)
+            right = scale * ((contact.time if contact.phase == "end" else end) - begin)
+            fill = GREY if contact.kind == "rebound" else color
+            bars.append(
+                f'<rect x="{left:.1f}" width="{max(right - left, MIN_BAR):.1f}" '
+                f'y="{LINE_ROW * row + 1}" height="{LINE_ROW - 2}" fill="{fill}"/>'
+            )
+    height = LINE_ROW * len(names)
+    return (
+        '<div style="font-size:0.75em;padding:0 1em">Contacts: '
+        + ", ".join(
+            f'<span style="color:{c}">{n}</span>'
+            for n, c in zip(names, (BLUE, ORANGE), strict=False)
+        )
+        + f'<svg viewBox="0 0 {LINE_WIDTH} {height}" preserveAspectRatio="none" '
+        f'style="width:100%;height:{height}px;background:{SHADE};display:block">{"".join(bars)}</svg></div>'
+    )
 
 
 def describe(item: Contact | LogEvent) -> str:

@@ -142,16 +142,6 @@ def test_any_shape_is_filled(log: RunLog, size: tuple[int, int], recwarn: Any) -
     assert not [w for w in recwarn if "layout" in str(w.message)]
 
 
-@pytest.mark.usefixtures("gl")
-def test_contacts_are_shown_as_they_were_known_then(log: RunLog) -> None:
-    begin = next(c for c in log.contacts if c.phase == "begin")
-    end = next(c for c in log.contacts if c.phase == "end" and c.id == begin.id)
-    with Frames(Film(log, size=SMALL)) as frames:
-        assert begin.id not in {c.id for c in frames._felt(begin.time - 0.001)}
-        assert begin in frames._felt(begin.time)
-        assert begin.id not in {c.id for c in frames._felt(end.time)}
-
-
 def interrupt(after: int) -> Callable[[], None]:
     """Ctrl-C after some frames."""
     left = iter(range(after))

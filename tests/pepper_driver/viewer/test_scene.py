@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,8 +15,6 @@ import viser
 from pepper_driver import Pepper
 from pepper_driver.config import load_robot
 from pepper_driver.config.visuals import Visual, load_visuals
-from pepper_driver.log import read_log
-from pepper_driver.log.base_path import base_path
 from pepper_driver.observer import Contact
 from pepper_driver.viewer.drawing import FORCE_LENGTH, centres_of, touch_arrows
 from pepper_driver.viewer.picture import Picture
@@ -135,19 +132,3 @@ def test_the_arrow_of_a_touch_has_the_torque_that_was_felt(scene: RobotScene) ->
     begin, end = arrows["touch 3 std"].start, arrows["touch 3 std"].end
     assert begin == pytest.approx(tip)
     assert np.linalg.norm(end - begin) / np.linalg.norm(tip - start) == pytest.approx(0.5 / 2.5)
-
-
-@pytest.mark.parametrize("truth", [True, False])
-def test_the_path_of_a_log_is_that_of_the_robot(truth: bool, tmp_path: Path) -> None:
-    """By its wheels within a few centimetres, where the log has no truth."""
-    path = tmp_path / "run.mcap"
-    with Pepper("mujoco", observer=None, log=path) as pepper:
-        pepper.drive(0.2, 0.05, 0.3, hold=True)
-        pepper.run(4.0)
-        end = pepper.backend.truth.base
-    log = read_log(path)
-    if not truth:
-        object.__setattr__(log, "truth", None)
-    base, _ = base_path(log)
-    assert base[0] == pytest.approx(np.zeros(3), abs=1e-3)
-    assert base[-1] == pytest.approx(end, abs=5e-3 if truth else 0.06)
