@@ -181,12 +181,11 @@ def pair_table(pairs: Sequence[tuple[Contact | None, Contact | None]], *, recomp
 
 
 def _touch(contact: Contact | None) -> str:
-    """Return onset, place and torque of a contact as HTML."""
+    """Return onset, place and intensity of a contact as HTML."""
     if contact is None:
         return "&ndash;"
-    torque = "" if contact.torque is None else f", {abs(contact.torque):.1f} N m"
-    kind = "" if contact.kind == "contact" else f"{contact.kind}, "
-    return html.escape(f"{contact.onset_time:.2f} s {kind}{in_words(contact.link)}{torque}")
+    text = f"{contact.onset_time:.2f} s {in_words(contact.link)}, {contact.kind}"
+    return html.escape(f"{text}, {contact.intensity_deg:.1f} deg")
 
 
 def time_line(

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 import psutil  # type: ignore[import-untyped]
@@ -31,6 +34,11 @@ OPTIONS = (
     "--use-angle=swiftshader",
     "--force-device-scale-factor=1",
 )
+
+HIDE_NOTICES = (
+    "document.querySelectorAll('.mantine-Notification-root').forEach(e => e.style.display = 'none')"
+)
+"""One of them says that the browser has no graphics card."""
 
 
 @contextmanager
@@ -62,6 +70,16 @@ def wait_until(what: Callable[[], Any]) -> Any:
         assert time.monotonic() < end, "it took too long"
         time.sleep(0.05)
     return found
+
+
+def keep_picture(browser: Any, name: str) -> None:
+    """Write a picture of the page into the folder ``SCREENSHOTS`` of the environment, where there is one."""
+    if folder := os.environ.get("SCREENSHOTS"):
+        from PIL import Image
+
+        browser.execute_script(HIDE_NOTICES)
+        pixels = Image.open(BytesIO(browser.get_screenshot_as_png())).convert("RGB")
+        pixels.quantize(255).save(Path(folder) / f"{name}.png", optimize=True)
 
 
 def text_of(browser: Any) -> str:

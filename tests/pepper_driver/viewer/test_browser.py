@@ -16,12 +16,13 @@ from selenium.webdriver.common.action_chains import ActionChains
 
 from pepper_driver import Pepper
 from pepper_driver.config import load_robot
+from pepper_driver.figure_style import in_words
 from pepper_driver.log import read_log
 from pepper_driver.reflexes import Comply
 from pepper_driver.viewer.page import CAMERA, FIELD_OF_VIEW, LOOK_AT
 from pepper_driver.viewer.serving import serve_page
 from pepper_driver.viewer.view import View
-from support.browsers import click, hosts_asked, open_browser, text_of, wait_until
+from support.browsers import click, hosts_asked, keep_picture, open_browser, text_of, wait_until
 
 TOKEN = "test-token"
 
@@ -91,6 +92,7 @@ def test_a_drag_of_the_arm_is_felt_and_logged(browser: Any, tmp_path: Path) -> N
         wait_until(lambda: "touched: left_arm" in text_of(browser))
         assert [c.kind for c in pepper.backend.truth.contacts] == ["hand"]
         wait_until(lambda: " N" in text_of(browser))
+        keep_picture(browser, "view_drag")
         ActionChains(browser).release().perform()
         wait_until(lambda: not pepper.backend.truth.contacts)
         pepper.run(0.5)
@@ -132,7 +134,7 @@ def test_a_log_is_played_and_computed_again(browser: Any, tmp_path: Path) -> Non
         pepper.run(3.0)
         pepper.grab("LForeArm", [0.0, 0.15, 0.05], hold=1.0)
         pepper.run(3.0)
-    recorded = [c for c in read_log(log).contacts if c.phase == "begin"]
+    recorded = [contact for contact, _ in read_log(log).lasting_contacts()]
     assert recorded
     page = RecordedPage(log, serve_page(host="127.0.0.1", port=0, token=TOKEN))
     threading.Thread(target=page.run, daemon=True).start()
@@ -143,8 +145,9 @@ def test_a_log_is_played_and_computed_again(browser: Any, tmp_path: Path) -> Non
     wait_until(lambda: f"{read_log(log)['time'][-1]:.2f} s" in text_of(browser))
     click(browser, "Contacts")
     click(browser, "Recompute")
-    line = f"{recorded[0].time:.2f} s {recorded[0].kind} on left_arm"
+    line = f"{recorded[0].onset_time:.2f} s {in_words(recorded[0].link)}"
     wait_until(lambda: text_of(browser).count(line) == 2)
+    keep_picture(browser, "view_log")
     page.server.stop()
 
 
