@@ -17,7 +17,7 @@ from pepper_driver.loop import TickRecord
 from pepper_driver.observer.interface import Contact, Observation
 
 ROBOT = load_robot()
-TRUTH_FIELDS = tuple(field.name for field in fields(TruthSample))
+TRUTH_FIELDS = tuple(field.name for field in fields(TruthSample) if field.name != "contacts")
 N = len(ROBOT.joint_names)
 SPECIAL = (np.nan, np.inf, -np.inf, -0.0, 5e-324, 1.7976931348623157e308)
 
@@ -109,6 +109,7 @@ class Samples:
             wheel_load=self.vector(3),
             in_gap=self.flags(N),
             saturated=self.flags(N),
+            contacts=(),
         )
 
     def contact(self, number: int) -> Contact:
