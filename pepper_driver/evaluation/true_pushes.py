@@ -41,13 +41,24 @@ class LoggedPlant:
 
     @classmethod
     def of(cls, log: RunLog) -> Self:
-        """Read it from the metadata of a run."""
-        unknown = [math.nan] * len(log.joint_names)
-        known = json.loads(log.metadata.get("plant", "{}"))
-        return cls(
-            stiffness=np.array(known.get("stiffness", unknown), dtype=np.float64),
-            friction=np.array(known.get("friction", unknown), dtype=np.float64),
-        )
+        """Read it from the metadata of a run.
+
+        Raises:
+            LabelError: They hold no such numbers.
+        """
+        shape = (len(log.joint_names),)
+        if "plant" not in log.metadata:
+            return cls(stiffness=np.full(shape, math.nan), friction=np.full(shape, math.nan))
+        try:
+            known = json.loads(log.metadata["plant"])
+            stiffness, friction = (
+                np.array(known[name], dtype=np.float64) for name in ("stiffness", "friction")
+            )
+        except (ValueError, TypeError, KeyError) as error:
+            raise LabelError(f"'plant' in the metadata of this log is damaged ({error})") from error
+        if not stiffness.shape == friction.shape == shape:
+            raise LabelError("'plant' in the metadata of this log is not that of its joints")
+        return cls(stiffness=stiffness, friction=friction)
 
 
 def true_pushes(log: RunLog, robot: RobotConfig) -> tuple[KnownPush, ...]:

@@ -145,7 +145,7 @@ def test_labelled_recordings(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert content["modes"]["paper"]["suites"]["log"]["with_pushes"]["fp"] == 0
     text = page.read_text()
     assert "simulated" not in text.splitlines()[0]
-    assert "## Labelled recordings" in text
+    assert "## Recordings" in text
     assert "in recordings" in capsys.readouterr().out
     # A second one, without labels, is told; the first still counts.
     assert run([*arguments, str(bare)]) == 1
