@@ -10,8 +10,9 @@ from typing import Self
 
 import numpy as np
 
+from pepper_driver.backends.fields import Column
 from pepper_driver.config import RobotConfig
-from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.robot import LEGS, TRUNK
 from pepper_driver.evaluation.episodes import as_it_was
 from pepper_driver.experiments.push_planning import HELD_BY_FRICTION
@@ -107,7 +108,7 @@ def _by_touched(
 
 def _push(
     log: RunLog,
-    truth: Mapping[str, FloatArray],
+    truth: Mapping[str, Column],
     plant: LoggedPlant,
     forces: Sequence[TrueForce],
     first: int,
@@ -126,7 +127,7 @@ def _push(
     joints = [
         robot.joint_index(name) for name in (robot.chains[LEGS] if joint is None else (joint,))
     ]
-    saturated: BoolArray = truth["saturated"][first : last + 1][:, joints]
+    saturated = truth["saturated"][first : last + 1, joints]
     push = KnownPush(
         joint=joint,
         link=link,

@@ -244,7 +244,7 @@ EVENTS = JsonTopic(
 
 @dataclass(frozen=True, kw_only=True)
 class TrueForce:
-    """What one object did to one link of a simulated robot in one cycle; in the world, as ``TrueContact`` has it.
+    """Effect of one object on one link of a simulated robot in one cycle; in the world, as ``TrueContact`` has it.
 
     Attributes:
         time: Clock of the robot at the end of the cycle, as in ``/truth`` [s].

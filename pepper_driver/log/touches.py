@@ -1,4 +1,4 @@
-"""When something touched a simulated robot, by the ground truth of a log."""
+"""Touches of a simulated robot, by the ground truth of a log."""
 
 from __future__ import annotations
 

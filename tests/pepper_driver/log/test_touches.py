@@ -28,11 +28,11 @@ def rows(*parts: tuple[bool, int]) -> np.ndarray[tuple[int], np.dtype[np.bool_]]
 def test_touches_are_parted_by_pauses(
     touched: np.ndarray[tuple[int], np.dtype[np.bool_]], expected: list[tuple[int, int]]
 ) -> None:
-    assert touches(CYCLE * np.arange(len(touched)), touched) == expected
+    assert touches(CYCLE * np.arange(float(len(touched))), touched) == expected
 
 
 def test_what_a_damaged_log_lacks_is_no_pause() -> None:
-    time = CYCLE * np.arange(100)
+    time = CYCLE * np.arange(100.0)
     touched = np.ones(100, dtype=np.bool_)
     kept = np.r_[0:40, 70:100]
     assert touches(time[kept], touched[kept]) == [(0, 69)]
