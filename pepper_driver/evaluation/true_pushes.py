@@ -30,7 +30,7 @@ is pushed; pushes of the frozen suites are planned by this."""
 
 @dataclass(frozen=True, kw_only=True)
 class LoggedPlant:
-    """What the log of a simulated run says of its plant; NaN where that part of the log is damaged.
+    """Plant of a simulated run, as its log describes it; NaN where that part of the log is damaged.
 
     Attributes:
         stiffness: (N,) K = kp N Kt / R [N m/rad].

@@ -254,6 +254,36 @@ def test_the_numbers_of_a_push() -> None:
     assert numbers == pytest.approx((24.0, 3.0 * DEGREE, 3.0, 9 * CYCLE, 19 * CYCLE))
 
 
+@pytest.mark.parametrize(
+    ("link", "joint", "row", "saturated"),
+    [
+        ("LForeArm", "LElbowRoll", 15, True),
+        ("LForeArm", "LElbowRoll", 25, False),  # after the push
+        ("LForeArm", "LShoulderRoll", 15, False),  # not the joint of the push
+        ("torso", "KneePitch", 15, True),
+        ("torso", "LElbowRoll", 15, False),
+    ],
+)
+def test_a_push_is_saturated_where_the_board_of_its_joint_was(
+    link: str, joint: str, row: int, saturated: bool
+) -> None:
+    forces = [force(n, link) for n in range(10, 20)]
+    log = handmade(forces, LElbowRoll=(slice(10, 20), 3.0))
+    assert log.truth is not None
+    log.truth["saturated"][row, ROBOT.joint_index(joint)] = True
+    (push,) = true_pushes(log, ROBOT)
+    assert push.saturated is saturated
+
+
+@pytest.mark.parametrize(("speed", "moving"), [(0.5, True), (-0.5, True), (0.001, False)])
+def test_a_push_is_in_motion_where_its_joint_was_to_move(speed: float, moving: bool) -> None:
+    log = handmade([force(10, "LForeArm")], LElbowRoll=(slice(10, 11), 3.0))
+    log["reference_velocity"][9, ROBOT.joint_index("LElbowRoll")] = speed
+    log["reference_velocity"][9, ROBOT.joint_index("HeadYaw")] = 1.0
+    (push,) = true_pushes(log, ROBOT)
+    assert push.moving is moving
+
+
 def test_a_short_pause_is_none_and_a_long_one_parts_two_pushes() -> None:
     pause = round(PUSH_PAUSE / CYCLE)
     for gap, count in ((pause - 1, 1), (pause + 1, 2)):
