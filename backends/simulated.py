@@ -146,6 +146,7 @@ class TruthSample:
     wheel_load: FloatArray
     in_gap: BoolArray
     saturated: BoolArray
+    contacts: tuple[TrueContact, ...]
 
 
 _SAMPLED = tuple(part.name for part in fields(TruthSample))

@@ -84,13 +84,16 @@ def evaluate_command(
     ] = False,
     log: Annotated[
         list[Path] | None,
-        typer.Option(metavar="FILE", help="Score a recording of 'pepper record --label' instead."),
+        typer.Option(
+            metavar="FILE",
+            help="Score a log instead: of any simulated run, or of 'pepper record --label'.",
+        ),
     ] = None,
     more_logs: Annotated[
         list[Path] | None, typer.Argument(metavar="FILE", help="More recordings, after --log.")
     ] = None,
 ) -> int:
-    """Run observers on seeded simulated runs or on labelled recordings, and score their contacts."""
+    """Run observers on seeded simulated runs or on logs, and score their contacts."""
     console = make_console()
     logs = [*(log or []), *(more_logs or [])]
     if more_logs and not log:

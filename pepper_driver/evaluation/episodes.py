@@ -284,7 +284,7 @@ def _performed(run: SuiteRun, pepper: Pepper) -> Episode:
         task_stiffness=run.task_stiffness,
         recording=recording,
         pushes=tuple(
-            _as_it_was(push, recording.time, contact_torque, pepper.backend.plant.stiffness, robot)
+            as_it_was(push, recording.time, contact_torque, pepper.backend.plant.stiffness, robot)
             for push in sorted(pushes, key=lambda push: push.onset)
         ),
         contact_torque=contact_torque,
@@ -293,7 +293,7 @@ def _performed(run: SuiteRun, pepper: Pepper) -> Episode:
     )
 
 
-def _as_it_was(
+def as_it_was(
     push: KnownPush, time: FloatArray, torque: FloatArray, stiffness: FloatArray, robot: RobotConfig
 ) -> KnownPush:
     """Return a push with the largest torque that really acted: no joint is quite where it was planned for."""

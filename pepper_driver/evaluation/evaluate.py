@@ -1,4 +1,4 @@
-"""Evaluation of observers on suites and on labelled logs, in parallel jobs."""
+"""Evaluation of observers on suites and on logs, in parallel jobs."""
 
 from __future__ import annotations
 
@@ -34,6 +34,7 @@ from pepper_driver.evaluation.observers_under_test import (
     reference_plant,
 )
 from pepper_driver.evaluation.results import EpisodeInfo, EvaluationResult, Failure
+from pepper_driver.evaluation.true_pushes import LoggedPlant, true_pushes
 from pepper_driver.log import read_log
 from pepper_driver.recording.labels import pushes_of, recording_of
 
@@ -119,22 +120,35 @@ def _pictured(run: SuiteRun, robot: RobotConfig) -> str | None:
 
 
 def log_jobs(paths: Sequence[Path]) -> tuple[Job, ...]:
-    """Return recordings of ``pepper record --label``."""
+    """Return logs: labelled ones of ``pepper record --label``, and those of simulated runs."""
     return tuple(
         Job(suite=LOG_SUITE, title=str(path), make=partial(episode_of_log, path)) for path in paths
     )
 
 
 def episode_of_log(path: Path) -> Episode:
-    """Return a labelled recording as an episode whose pushes have no size and whose torques are unknown.
+    """Return a log as an episode.
+
+    Labels count where there are any: their pushes have no size, and torques are unknown. Without labels the pushes of
+    a simulated run are those of its ground truth.
 
     Raises:
-        PepperError: The log is damaged, of another robot, or has no labels.
+        PepperError: The log is damaged, of another robot, or has neither labels nor ground truth.
     """
     robot = load_robot()
     log = read_log(path)
     recording = recording_of(log, robot)
-    unknown = np.full(recording.position.shape, np.nan)
+    contact_torque = np.full(recording.position.shape, np.nan)
+    saturated = np.zeros(recording.position.shape, dtype=np.bool_)
+    stiffness = np.full(len(robot.joint_names), np.nan)
+    if log.labels or log.truth is None:
+        pushes = pushes_of(log)
+    else:
+        pushes, stiffness = true_pushes(log, robot), LoggedPlant.of(log).stiffness
+        # Of a damaged log rows of the truth may be missing, or have no tick.
+        _, rows, true_rows = np.intersect1d(recording.time, log.truth["time"], return_indices=True)
+        contact_torque[rows] = log.truth["contact_torque"][true_rows]
+        saturated[rows] = log.truth["saturated"][true_rows]
     return Episode(
         suite=LOG_SUITE,
         experiment=path.stem,
@@ -145,10 +159,10 @@ def episode_of_log(path: Path) -> Episode:
         seed=0,
         task_stiffness=0.0,
         recording=recording,
-        pushes=pushes_of(log),
-        contact_torque=unknown,
-        saturated=np.zeros(recording.position.shape, dtype=np.bool_),
-        stiffness_constant=unknown[0],
+        pushes=pushes,
+        contact_torque=contact_torque,
+        saturated=saturated,
+        stiffness_constant=stiffness,
     )
 
 

@@ -314,6 +314,8 @@ def _identity(plant: str, robot: RobotConfig) -> RobotIdentity:
 def _oracle_uri(episode: Episode) -> str:
     """Return the plant of an episode; of a drawn one, the plant that it was drawn from."""
     if episode.plant == RECORDED:
-        raise ModelFileError("the oracle exists for simulated robots only")
+        raise ModelFileError(
+            "the oracle simulates the plants of the suites, not the robot of a recording"
+        )
     plant = episode.plant if episode.draw is None else _REFERENCES[0]
     return f"mujoco://?{urlencode({'plant': plant})}"

@@ -110,7 +110,7 @@ def free(evaluation: EvaluationResult) -> list[str]:
 
 
 def collision(evaluation: EvaluationResult, pictures: dict[str, str]) -> list[str]:
-    """Write the section on the detection of random pushes, or of labelled touches."""
+    """Write the section on the detection of random pushes, or of the touches of recordings."""
     suite = "log" if "log" in evaluation.suites else "collision"
     sizes = [
         f"{name.removesuffix('-')}{' and more' if name[-1] == '-' else ''} deg"
@@ -138,7 +138,7 @@ def collision(evaluation: EvaluationResult, pictures: dict[str, str]) -> list[st
     if not parts:
         return []
     return section(
-        "Labelled recordings" if suite == "log" else "Random pushes",
+        "Recordings" if suite == "log" else "Random pushes",
         *parts,
         "Fraction of pushes detected, and in brackets their number.",
         "Delays count from the onset of the force, for pushes of 3 deg and more; joints for pushes of 2 deg and more.",

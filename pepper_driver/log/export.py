@@ -35,9 +35,9 @@ Write = Callable[[Path], None]
 def export_log(log: RunLog, path: Path | str, to: str, *, force: bool = False) -> tuple[Path, ...]:
     """Write a log in another format: all its files, or none.
 
-    Ticks go to ``path``; ground truth, contacts, events and labels to files next to it, ``run.contacts.csv`` for
-    ``run.csv``. An NPZ file holds everything. Metadata is kept in the schema of Parquet files, next to CSV files in
-    ``run.metadata.json``, in NPZ files as text.
+    Ticks go to ``path``; ground truth, its forces, contacts, events and labels to files next to it, as
+    ``run.contacts.csv`` for ``run.csv``. An NPZ file holds everything. Metadata is kept in the schema of Parquet files,
+    next to CSV files in ``run.metadata.json``, in NPZ files as text.
 
     Args:
         log: What was recorded.

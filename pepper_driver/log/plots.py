@@ -48,6 +48,7 @@ from pepper_driver.figure_style import (
     styled,
 )
 from pepper_driver.log import LogError, RunLog
+from pepper_driver.log.touches import PUSHED, touches
 from pepper_driver.observer import Contact
 
 if TYPE_CHECKING:
@@ -58,10 +59,6 @@ REFLEX_COLORS = (PINK, YELLOW, SKY, VERMILION)
 REFLEX_HATCHES = ("", "///", "...")
 """One for each round of the colours."""
 
-PUSHED = 1e-6
-"""[N m] Contact torque that counts as none: rounding of J^T f."""
-PUSH_PAUSE = 0.1
-"""[s] A push that pauses no longer than this is one push."""
 BAR = 0.035
 """Height of a bar at the top or bottom, as a fraction of the panel's."""
 
@@ -525,8 +522,7 @@ def _joint_remarks(log: RunLog, signals: _Signals) -> list[str]:
 
 def _count_pushes(log: RunLog, joint: str, limits: tuple[float, float]) -> int:
     time, pushed = _pushed(log, joint, limits)
-    touched = time[pushed]
-    return int(touched.size > 0) + int((np.diff(touched) > PUSH_PAUSE).sum())
+    return len(touches(time, pushed))
 
 
 def _name_contacts(log: RunLog, joint: str, axes: Axes, kind: str) -> None:

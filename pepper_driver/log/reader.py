@@ -23,7 +23,16 @@ from pepper_driver.backends.log_file import (
 from pepper_driver.config import UnknownNameError, load_robot
 from pepper_driver.config.arguments import as_path, checked_arguments
 from pepper_driver.log.schema import TRUTH_TOPIC, layout_metadata
-from pepper_driver.log.topics import CONTACTS, EVENTS, LABELS, JsonTopic, Label, LogEvent
+from pepper_driver.log.topics import (
+    CONTACTS,
+    EVENTS,
+    FORCES,
+    LABELS,
+    JsonTopic,
+    Label,
+    LogEvent,
+    TrueForce,
+)
 from pepper_driver.observer.interface import Contact
 
 T = TypeVar("T")
@@ -47,6 +56,8 @@ class RunLog:
         contacts: Contact events in the order they were raised.
         truth: Arrays of the simulation's ground truth, with a ``time`` of their own; None where
             there is no truth. Names are in :data:`pepper_driver.backends.fields.TRUTH_FIELDS`.
+        forces: True forces on the robot in their order, one for each object, link and cycle; None where there is no
+            truth, or where it is of a version that did not log them.
         labels: Ends of touches that ``pepper record`` received, in their order.
         events: Other events, in their order.
         unmatched: Arrays of the commands that no tick answers, by name; what they are is in
@@ -63,6 +74,7 @@ class RunLog:
     fields: dict[str, Column] = field(repr=False)
     contacts: list[Contact] = field(repr=False)
     truth: dict[str, Column] | None = field(repr=False)
+    forces: list[TrueForce] | None = field(repr=False, default=None)
     labels: list[Label] = field(repr=False, default_factory=list)
     events: list[LogEvent] = field(repr=False, default_factory=list)
     unmatched: dict[str, Column] = field(repr=False, default_factory=dict)
@@ -103,6 +115,7 @@ class RunLog:
         """
         try:
             layout, ticks, truth = file.layout, file.tables[TICK_TOPIC], file.tables[TRUTH_TOPIC]
+            has_forces = len(truth["time"]) > 0 and FORCES.topic in file.messages
             elements = [("", f) for f in file.fields[TICK_TOPIC]]
             elements += [("truth.", f) for f in file.fields[TRUTH_TOPIC]]
             return cls(
@@ -118,6 +131,7 @@ class RunLog:
                 contacts=_items(file, CONTACTS),
                 unmatched=file.tables[UNMATCHED_TOPIC],
                 truth=truth if len(truth["time"]) else None,
+                forces=_items(file, FORCES) if has_forces else None,
                 labels=_items(file, LABELS),
                 events=_items(file, EVENTS),
                 elements={
@@ -171,13 +185,15 @@ def truth_table(log: RunLog) -> Table | None:
 
 
 def item_tables(log: RunLog) -> dict[str, tuple[JsonTopic[Any], Table]]:
-    """``contacts`` and ``events``, and ``labels`` where there are any, with the topics that say what is in them."""
+    """``contacts`` and ``events``, ``labels`` and ``forces`` where there are any, with their topics."""
     lists: dict[str, tuple[JsonTopic[Any], Sequence[Any]]] = {
         "contacts": (CONTACTS, log.contacts),
         "events": (EVENTS, log.events),
     }
     if log.labels:
         lists["labels"] = (LABELS, log.labels)
+    if log.forces:
+        lists["forces"] = (FORCES, log.forces)
     return {
         name: (topic, {key: [getattr(item, key) for item in items] for key in topic.types})
         for name, (topic, items) in lists.items()

@@ -36,11 +36,11 @@ from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray
 from pepper_driver.controller.tick import Reference
 from pepper_driver.log.ros_messages import ROS_TOPICS
-from pepper_driver.log.topics import CONTACTS, EVENTS, LABELS, JsonTopic
+from pepper_driver.log.topics import CONTACTS, EVENTS, FORCES, LABELS, JsonTopic
 from pepper_driver.observer.interface import JointState, Observation
 
 TRUTH_TOPIC = "/truth"
-JSON_TOPICS: tuple[JsonTopic[Any], ...] = (CONTACTS, LABELS, EVENTS)
+JSON_TOPICS: tuple[JsonTopic[Any], ...] = (CONTACTS, LABELS, EVENTS, FORCES)
 
 
 def layout_fields(table: Iterable[TickField], robot: RobotConfig) -> tuple[Field, ...]:
@@ -78,9 +78,10 @@ def layout_metadata(robot: RobotConfig) -> dict[str, str]:
         UNMATCHED_TOPIC: layout_fields(UNMATCHED_FIELDS, robot),
         TRUTH_TOPIC: layout_fields(TRUTH_FIELDS, robot),
     }
+    # New ones at the end: then older logs whose layout is damaged are read by this one.
+    items = (CONTACTS, LABELS, EVENTS, *ROS_TOPICS, FORCES)
     values: Mapping[str, object] = {
-        # New ones at the end: then older logs whose layout is damaged are read by this one.
-        "topics": [*tables, *(t.topic for t in JSON_TOPICS), *(t.topic for t in ROS_TOPICS)],
+        "topics": [*tables, *(topic.topic for topic in items)],
         "fields": {topic: [asdict(f) for f in fields] for topic, fields in tables.items()},
         "robot": robot.name,
         "joint_names": robot.joint_names,

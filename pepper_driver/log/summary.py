@@ -64,6 +64,10 @@ def run_metadata(
     }
     if info.parents:
         metadata["parents"] = _text([asdict(parent) for parent in info.parents])
+    if "push" in info.capabilities:
+        plant = backend.plant
+        known = {"stiffness": plant.stiffness.tolist(), "friction": plant.friction.tolist()}
+        metadata["plant"] = _text(known)
     if (seed := parse_uri(backend.uri).query.get("seed")) is not None:
         metadata["seed"] = seed
     if observer_name is not None:

@@ -10,6 +10,7 @@ from typing import Any, Generic, Literal, TypeVar, get_args
 
 import numpy as np
 
+from pepper_driver.backends.simulated import ContactKind, TrueContact
 from pepper_driver.callbacks.events import (
     CueEvent,
     ProgramEvent,
@@ -238,4 +239,65 @@ EVENTS = JsonTopic(
         "text": {"type": "string"},
     },
     optional=frozenset({"phase", "contact_id"}),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrueForce:
+    """Effect of one object on one link of a simulated robot in one cycle; in the world, as ``TrueContact`` has it.
+
+    Attributes:
+        time: Clock of the robot at the end of the cycle, as in ``/truth`` [s].
+        kind: A scheduled ``push``, a ``hand`` that holds on, or an ``object`` of the world.
+        link: That it acted on.
+        object: Name of the object; None for a push or a hand.
+        x, y, z: Where it acted [m].
+        force_x, force_y, force_z: On the robot, mean over the cycle [N].
+        peak: Size of the largest force in a step of physics [N].
+    """
+
+    time: float
+    kind: ContactKind
+    link: str
+    object: str | None = None
+    x: float
+    y: float
+    z: float
+    force_x: float
+    force_y: float
+    force_z: float
+    peak: float
+
+    @classmethod
+    def of(cls, contact: TrueContact, time: float) -> TrueForce:
+        """Return what the truth of a cycle that ended at ``time`` [s] says of one contact."""
+        (x, y, z), force = map(float, contact.point), contact.force
+        return cls(
+            time=time,
+            kind=contact.kind,
+            link=contact.link,
+            object=contact.object,
+            x=x,
+            y=y,
+            z=z,
+            force_x=float(force[0]),
+            force_y=float(force[1]),
+            force_z=float(force[2]),
+            peak=float(contact.peak),
+        )
+
+
+FORCES = JsonTopic(
+    "/force",
+    TrueForce,
+    {
+        "time": {"type": "number", "description": "[s]"},
+        "kind": {"type": "string", "enum": list(get_args(ContactKind))},
+        "link": {"type": "string"},
+        "object": {"type": "string"},
+        **{axis: {"type": "number", "description": "[m]"} for axis in "xyz"},
+        **{f"force_{axis}": {"type": "number", "description": "[N]"} for axis in "xyz"},
+        "peak": {"type": "number", "description": "[N]"},
+    },
+    optional=frozenset({"object"}),
 )

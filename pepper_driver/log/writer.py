@@ -47,7 +47,15 @@ from pepper_driver.log.schema import (
     message_definition,
     unobserved,
 )
-from pepper_driver.log.topics import CONTACTS, EVENTS, LABELS, JsonTopic, LogEvent
+from pepper_driver.log.topics import (
+    CONTACTS,
+    EVENTS,
+    FORCES,
+    LABELS,
+    JsonTopic,
+    LogEvent,
+    TrueForce,
+)
 
 if TYPE_CHECKING:
     from pepper_driver.loop import TickRecord
@@ -400,6 +408,8 @@ class LogWriter:
                 for ago, sent in record.unmatched
             ]
             truth_row = None if truth is None else self._truth_rows.message(TruthRow(time, truth))
+            acting = () if truth is None else truth.contacts
+            forces = [FORCES.encode(TrueForce.of(contact, time)) for contact in acting]
             ros = () if self._described else self._ros.once(stamp)
             if step % EVERY == 0:
                 sample = self._ros.sample(stamp, measurement.position, record.base_pose)
@@ -413,6 +423,8 @@ class LogWriter:
                 self._file.write_row(UNMATCHED_TOPIC, time, message)
             if truth_row is not None:
                 self._file.write_row(TRUTH_TOPIC, time, truth_row)
+            for force in forces:
+                self._file.write_row(FORCES.topic, time, force)
             for topic, message in ros:
                 self._file.write_row(topic, time, message)
             self._described = True

@@ -48,7 +48,7 @@ def test_the_table_has_all_that_a_tick_holds(part: type, owner: str) -> None:
 
 def test_the_table_has_all_of_the_truth() -> None:
     logged = {field.attribute for field in TRUTH_FIELDS if field.owner == "truth"}
-    assert logged == {field.name for field in fields(TruthSample)}
+    assert logged == {field.name for field in fields(TruthSample)} - NOT_LOGGED
 
 
 @pytest.mark.parametrize("table", [TICK_FIELDS, UNMATCHED_FIELDS, TRUTH_FIELDS])

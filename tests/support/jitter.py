@@ -5,7 +5,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pepper_driver.backends import Backend, BackendInfo, Command, Measurement, Truth, make_backend
+from pepper_driver.backends import (
+    Backend,
+    BackendInfo,
+    Command,
+    Measurement,
+    SimulatedPlant,
+    Truth,
+    make_backend,
+)
 
 
 class Jittery(Backend):
@@ -29,6 +37,10 @@ class Jittery(Backend):
     @property
     def info(self) -> BackendInfo:
         return self._backend.info
+
+    @property
+    def plant(self) -> SimulatedPlant:
+        return self._backend.plant
 
     @property
     def truth(self) -> Truth:

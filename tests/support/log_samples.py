@@ -8,16 +8,17 @@ from pathlib import Path
 import numpy as np
 
 from pepper_driver.backends.fields import Command, Imu, Measurement
-from pepper_driver.backends.simulated import TruthSample
+from pepper_driver.backends.simulated import TrueContact, TruthSample
 from pepper_driver.config import load_robot
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.tick import Reference, SentCommand, Tick
 from pepper_driver.log import LogWriter, RunLog
+from pepper_driver.log.topics import TrueForce
 from pepper_driver.loop import TickRecord
 from pepper_driver.observer.interface import Contact, Observation
 
 ROBOT = load_robot()
-TRUTH_FIELDS = tuple(field.name for field in fields(TruthSample))
+TRUTH_FIELDS = tuple(field.name for field in fields(TruthSample) if field.name != "contacts")
 N = len(ROBOT.joint_names)
 SPECIAL = (np.nan, np.inf, -np.inf, -0.0, 5e-324, 1.7976931348623157e308)
 
@@ -109,6 +110,21 @@ class Samples:
             wheel_load=self.vector(3),
             in_gap=self.flags(N),
             saturated=self.flags(N),
+            contacts=tuple(self.true_contact() for _ in range(self.random.integers(3))),
+        )
+
+    def true_contact(self) -> TrueContact:
+        """What might touch a robot in a simulation."""
+        random = self.random
+        thing = "ball" if random.random() < 0.5 else None
+        return TrueContact(
+            kind="hand" if thing is None else "object",
+            link=ROBOT.links[random.integers(len(ROBOT.links))],
+            object=thing,
+            point=random.normal(size=3),
+            force=random.normal(size=3),
+            peak=float(random.random()),
+            torque=self.vector(N),
         )
 
     def contact(self, number: int) -> Contact:
@@ -174,6 +190,7 @@ class Written:
         self.truths: list[dict[str, object]] = []
         self.unmatched: list[dict[str, object]] = []
         self.contacts: list[Contact] = []
+        self.forces: list[TrueForce] = []
         with LogWriter(path, ROBOT, {"seed": str(seed)}, lossless=True) as log:
             for number in range(count):
                 tick = samples.tick(number)
@@ -192,6 +209,8 @@ class Written:
                     self.unmatched.append(flatten_sent(sent, tick.measurement.time, step))
                 self.truths.append({name: getattr(truth, name) for name in TRUTH_FIELDS})
                 self.contacts += contacts
+                time = tick.measurement.time
+                self.forces += [TrueForce.of(contact, time) for contact in truth.contacts]
 
     def check(self, read: RunLog) -> None:
         """The log read holds the first of these ticks, bit for bit."""
@@ -210,4 +229,6 @@ class Written:
         lost = sum(row["time"] not in read["time"] for row in self.unmatched)
         missing = len(self.unmatched) - lost - len(read.unmatched["step"])
         assert 0 <= missing <= 2, "those of the last tick may be cut off"
+        assert (read.forces is None) == (read.truth is None)
+        assert (forces := read.forces or []) == self.forces[: len(forces)]
         assert read.contacts == self.contacts[: len(read.contacts)]

@@ -1,4 +1,4 @@
-"""``pepper evaluate`` as a user meets it: one short simulated episode, a labelled recording, wrong input."""
+"""``pepper evaluate`` as a user meets it: one short simulated episode, recordings, wrong input."""
 
 import json
 from dataclasses import replace
@@ -145,12 +145,31 @@ def test_labelled_recordings(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert content["modes"]["paper"]["suites"]["log"]["with_pushes"]["fp"] == 0
     text = page.read_text()
     assert "simulated" not in text.splitlines()[0]
-    assert "## Labelled recordings" in text
+    assert "## Recordings" in text
     assert "in recordings" in capsys.readouterr().out
     # A second one, without labels, is told; the first still counts.
     assert run([*arguments, str(bare)]) == 1
     assert "has no labelled touch" in capsys.readouterr().out
     assert json.loads(figures.read_text())["modes"]["paper"]["recall_overall"] == 1.0
+
+
+def test_a_simulated_run_needs_no_labels(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, figures = tmp_path / "a.mcap", tmp_path / "f.json"
+    with Pepper("mujoco://?seed=3", observer=None, robot=ROBOT, log=log) as pepper:
+        pepper.push("LForeArm", [0.0, 29.0, 0.0], duration=0.8, delay=1.0)
+        pepper.run(3.0)
+        pepper.push("base_link", [10.0, 0.0, 0.0], duration=0.3)  # too light to be felt
+        pepper.run(1.0)
+    arguments = ["evaluate", "--observer", "paper", "--workers", "1", "--json", str(figures)]
+    assert run([*arguments, "--log", str(log)]) == 0
+    assert "in recordings" in capsys.readouterr().out
+    metrics = json.loads(figures.read_text())["modes"]["paper"]["suites"]["log"]
+    assert metrics["counts"] == {"fp": 0, "fn": 1, "tp": 1}
+    assert metrics["recall"]["3-"] == metrics["recall_overall"] == 1.0
+    assert metrics["recall_trunk"] == 0.0
+    assert 0.0 < metrics["delay_ms"]["from_1deg"]["median"] < metrics["delay_ms"]["median"] < 500.0
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,7 @@ def test_a_file_of_another_robot_stands_in_for_suites_but_not_for_recordings(
         "mine"
         in some.observer("paper-affine", replace(recorded, identity="mine"), ROBOT).describe()
     )
-    with pytest.raises(ModelFileError, match="simulated robots only"):
+    with pytest.raises(ModelFileError, match="not the robot of a recording"):
         some.observer(ORACLE, recorded, ROBOT)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -83,7 +84,7 @@ def test_parquet_comes_back_bit_for_bit(log: RunLog, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     out = tmp_path / "new" / "run.parquet"
     written = export_log(log, out, "parquet")
-    names = ("", ".truth", ".contacts", ".events", ".labels")
+    names = ("", ".truth", ".contacts", ".events", ".labels", ".forces")
     assert written == tuple(out.with_name(f"run{name}.parquet") for name in names)
     assert sorted(out.parent.iterdir()) == sorted(written)
     for path, columns in zip(written, expected(log), strict=False):
@@ -97,6 +98,9 @@ def test_parquet_comes_back_bit_for_bit(log: RunLog, tmp_path: Path) -> None:
     contacts = parquet.read_table(written[2])
     assert contacts["joint"].to_pylist() == [c.joint for c in log.contacts]
     assert contacts["torque"].to_pylist() == [c.torque for c in log.contacts]
+    forces = parquet.read_table(written[5]).to_pylist()
+    assert log.forces
+    assert forces == [asdict(force) for force in log.forces]
     events = parquet.read_table(written[3]).to_pylist()
     assert [e["joints"] for e in events] == [list(e.joints) for e in EVENTS]
     assert [e["text"] for e in events] == [e.text for e in EVENTS]
@@ -111,6 +115,7 @@ def test_csv_keeps_every_digit(log: RunLog, tmp_path: Path) -> None:
         "run.contacts.csv",
         "run.events.csv",
         "run.labels.csv",
+        "run.forces.csv",
         "run.metadata.json",
     ]
     for path, columns in zip(written, expected(log), strict=False):

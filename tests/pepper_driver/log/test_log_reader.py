@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
+from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from pepper_driver.backends.fields import TICK_FIELDS
@@ -19,6 +21,8 @@ from pepper_driver.backends.log_records import with_checksum
 from pepper_driver.config import UnknownNameError
 from pepper_driver.log import LogError, LogWriter, RunLog, read_log
 from pepper_driver.log.schema import layout_metadata
+from pepper_driver.log.topics import FORCES
+from pepper_driver.log.writer import McapFile
 from pepper_driver.loop import TickRecord
 from support import ROOT
 from support.examples import examples
@@ -89,6 +93,25 @@ def test_truth_of_some_ticks_only(tmp_path: Path) -> None:
     assert len(read) == 9
     assert read.truth is not None
     np.testing.assert_allclose(read.truth["time"], [0.012, 0.036, 0.060, 0.084])
+
+
+def test_a_log_from_before_true_forces_is_read(tmp_path: Path) -> None:
+    """The topic came last, so the channels of the others have the same numbers without it."""
+    written = Written(tmp_path / "a.mcap", 30)
+    layout = layout_metadata(ROBOT)
+    *older, last = json.loads(layout["topics"])
+    assert last == FORCES.topic
+    layout["topics"] = json.dumps(older)
+    old = McapFile(tmp_path / "old.mcap", layout, {})
+    with written.path.open("rb") as stream:
+        for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
+            if channel.topic in older:
+                old.write_row(channel.topic, 1e-9 * message.log_time, message.data)
+    old.finish()
+    read = read_log(tmp_path / "old.mcap")
+    assert (read.complete, len(read), read.forces) == (True, 30, None)
+    assert read.truth is not None
+    assert read_log(written.path).forces == written.forces != []
 
 
 def test_unknown_field_names_close_ones(tmp_path: Path) -> None:

@@ -16,11 +16,11 @@ from mcap.reader import make_reader
 
 from pepper_driver.callbacks.events import ReflexEvent, SensorEvent
 from pepper_driver.log import Label, LogEvent, LogWriter, read_log
-from pepper_driver.log.topics import CONTACTS, EVENTS, LABELS, JsonTopic
+from pepper_driver.log.topics import CONTACTS, EVENTS, FORCES, LABELS, JsonTopic, TrueForce
 from pepper_driver.loop import TickRecord
 from support.log_samples import ROBOT, Samples, same_bits
 
-TOPICS = (CONTACTS, LABELS, EVENTS)
+TOPICS = (CONTACTS, LABELS, EVENTS, FORCES)
 BEGUN = ReflexEvent(
     reflex="Hold",
     kind="hold",
@@ -87,6 +87,7 @@ def valid(schema: dict[str, Any], message: dict[str, Any]) -> bool:
         *((CONTACTS, Samples(1).contact(number)) for number in range(6)),
         (LABELS, Label(time=1.0, phase="onset", source="key")),
         (LABELS, Label(time=1.0, phase="release", source="head", link="Head", joint="HeadYaw")),
+        *((FORCES, TrueForce.of(Samples(n).true_contact(), 1.0)) for n in range(6)),
         *((EVENTS, event) for event in (REFLEX, FAULT, PRESSED)),
     ],
 )

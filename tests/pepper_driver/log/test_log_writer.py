@@ -8,7 +8,7 @@ import logging
 import os
 import struct
 import threading
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import cast
 
@@ -55,7 +55,9 @@ def decoded_as(decoded: tuple[str, tuple[float, ...]], given: object) -> bool:
 
 def test_messages_decode_by_their_own_definition(tmp_path: Path) -> None:
     samples = Samples(1)
-    truth, tick, contact = samples.truth(), samples.tick(1000), samples.contact(4)
+    acting = samples.true_contact()
+    truth = replace(samples.truth(), contacts=(acting,))
+    tick, contact = samples.tick(1000), samples.contact(4)
     observation = samples.observation(contact)
     with LogWriter(tmp_path / "a.mcap", ROBOT, RUN) as log:
         log.append(TickRecord(tick=tick, observation=observation, truth=truth))
@@ -66,6 +68,7 @@ def test_messages_decode_by_their_own_definition(tmp_path: Path) -> None:
         "/tick",
         "/truth",
         "/contact",
+        "/force",
         "/robot_description",
         "/tf_static",
     }
@@ -89,7 +92,7 @@ def test_messages_decode_by_their_own_definition(tmp_path: Path) -> None:
     assert (schema.encoding, channel.message_encoding) == ("ros2msg", "cdr")
     decoded = decode_cdr(schema.data.decode(), message.data)
     assert decoded.pop("time") == ("float64", (12.0,))
-    assert set(decoded) == {field.name for field in fields(truth)}
+    assert set(decoded) == {field.name for field in fields(truth)} - {"contacts"}
     for name in decoded:
         assert decoded_as(decoded[name], getattr(truth, name)), name
 
@@ -98,6 +101,16 @@ def test_messages_decode_by_their_own_definition(tmp_path: Path) -> None:
     assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
     assert Contact(**json.loads(message.data)) == contact
     assert set(json.loads(schema.data)["properties"]) == set(Contact.__slots__)
+
+    schema, channel, message = messages["/force"]
+    assert schema is not None
+    assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
+    force = json.loads(message.data)
+    assert (force["time"], force["kind"], force["link"]) == (12.0, acting.kind, acting.link)
+    assert force.get("object") == acting.object
+    assert [force[axis] for axis in "xyz"] == acting.point.tolist()
+    assert [force[f"force_{axis}"] for axis in "xyz"] == acting.force.tolist()
+    assert force["peak"] == acting.peak
 
 
 def test_metadata_record_holds_what_the_caller_gave(tmp_path: Path) -> None:
