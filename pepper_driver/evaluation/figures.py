@@ -199,7 +199,7 @@ class Recall:
 
     @property
     def fraction(self) -> float:
-        """Of the pushes."""
+        """Fraction that was detected."""
         return self.detected / self.count
 
 

@@ -24,7 +24,9 @@ from pepper_driver.observer import Contact
 from pepper_driver.rendering import Format, View
 from pepper_driver.rendering.gl import RenderError, check_gl
 from pepper_driver.rendering.panel import MAX_JOINTS, SignalPanel, joints_to_show
+from pepper_driver.viewer.drawing import FORCE_COLOR
 from pepper_driver.viewer.moments import Moments
+from pepper_driver.viewer.picture import Force
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -49,6 +51,8 @@ SCENE_RATIO = 0.44
 
 CAPTION_HEIGHT = 0.034
 """Letters, as a fraction of the picture's height."""
+MIN_FORCE = 0.5
+"""[N] A smaller force is not named."""
 TEXT_COLOR, FELT_COLOR, FAINT_COLOR = (40, 44, 52), (200, 60, 0), (120, 126, 136)
 
 PALETTE_SAMPLES = 12
@@ -271,6 +275,7 @@ class Frames:
             robot,
             time,
             felt,
+            forces=picture.forces,
             observed=self._panel is not None,
             simulated=self._moments.log.truth is not None,
         )
@@ -303,6 +308,7 @@ class Caption:
         time: float,
         felt: Sequence[Contact],
         *,
+        forces: Sequence[Force],
         observed: bool,
         simulated: bool,
     ) -> PixelArray:
@@ -323,6 +329,11 @@ class Caption:
         if simulated:
             corner = (self._margin, image.height - self._margin)
             draw.text(corner, "simulation", font=self._small, fill=FAINT_COLOR, anchor="ls")
+            sizes = [float(np.linalg.norm(force.force)) for force in forces]
+            if sizes and max(sizes) > MIN_FORCE:
+                above = (self._margin, corner[1] - round(1.35 * self._small.size))
+                text = f"true force {max(sizes):.0f} N"
+                draw.text(above, text, font=self._small, fill=FORCE_COLOR, anchor="ls")
         return np.asarray(image)
 
 

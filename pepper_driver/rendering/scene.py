@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Self
 
 import mujoco
@@ -17,12 +18,14 @@ from pepper_driver.observer import Contact
 from pepper_driver.rendering import View
 from pepper_driver.rendering.gl import RenderError, make_context, nothing_draws
 from pepper_driver.viewer.drawing import (
+    FORCE_LENGTH,
     GHOST_COLOR,
     GHOST_OPACITY,
     GHOST_SCALE,
     Arrow,
     centres_of,
     configuration,
+    force_arrow,
     glow,
     glowing,
     rotation_of_tilt,
@@ -181,6 +184,12 @@ class SceneRenderer:
         commanded = self._poses(picture.commanded, picture)
         poses = self._poses(picture.position, picture)
         self._add_robot(poses, picture)
+        for force in picture.forces:
+            longest = FORCE_LENGTH * float(np.linalg.norm(force.force))
+            shorter = min(
+                1.0, MAX_ARROW / max(longest, 1e-9)
+            )  # at its tail: its tip is where it acts
+            self._add_arrow(force_arrow(replace(force, force=shorter * force.force)))
         for contact in contacts:
             arrows = touch_arrows(contact, self._robot, self._link_pose, self._centres)
             self._add_arrow(next(arrows)[1])  # without that of its deviation

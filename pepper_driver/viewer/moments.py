@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,7 +11,7 @@ from pepper_driver.config import load_robot
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.log.reader import RunLog
 from pepper_driver.observer import Contact
-from pepper_driver.viewer.picture import Picture, picture_of
+from pepper_driver.viewer.picture import Force, Picture, picture_of
 
 
 class Moments:
@@ -31,15 +31,31 @@ class Moments:
         self.base, self.tilt = base_path(log)
         self._ticks: list[float] = log["time"].tolist()
         self._contacts = by_contact(log.contacts)
+        self._forces: dict[float, list[Force]] = {}
+        for true in log.forces or ():
+            force = Force(
+                link=true.link,
+                point=np.array([true.x, true.y, true.z]),
+                force=np.array([true.force_x, true.force_y, true.force_z]),
+            )
+            self._forces.setdefault(true.time, []).append(force)
+        self._truth_times = [] if log.truth is None else log.truth["time"].tolist()
 
     def row(self, time: float) -> int:
         """Return the number of the last tick that is not after a time [s]; 0 before the first."""
         return max(0, bisect_right(self._ticks, time + 1e-9) - 1)
 
     def picture(self, row: int) -> Picture:
-        """Return the state at a tick."""
+        """Return the state at a tick, with the true forces that a simulation logged."""
         fields = {name: column[row] for name, column in self.log.fields.items()}
-        return picture_of(fields, self.base[row], self.tilt[row])
+        return picture_of(fields, self.base[row], self.tilt[row], self._forces_at(self._ticks[row]))
+
+    def _forces_at(self, time: float) -> tuple[Force, ...]:
+        """Return the forces of the cycle of the truth that a tick shows: the one of :func:`base_path`."""
+        if not self._forces:
+            return ()
+        number = min(bisect_left(self._truth_times, time), len(self._truth_times) - 1)
+        return tuple(self._forces.get(self._truth_times[number], ()))
 
     def felt(self, time: float) -> list[Contact]:
         """Return the contacts at a time [s] as they were known then; rebounds are none."""

@@ -1,4 +1,4 @@
-"""Where a page is served: host, port and token. Light: it begins before what the page shows is imported."""
+"""Serving of a page: host, port and token. Light: it begins before what the page shows is imported."""
 
 from __future__ import annotations
 

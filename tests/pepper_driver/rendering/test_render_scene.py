@@ -27,7 +27,7 @@ from pepper_driver.rendering.scene import (
     SceneRenderer,
 )
 from pepper_driver.viewer.drawing import FORCE_LENGTH, centres_of, touch_arrows
-from pepper_driver.viewer.picture import Picture
+from pepper_driver.viewer.picture import Force, Picture
 from support.rendering import require_gl
 
 pytestmark = pytest.mark.usefixtures("gl")
@@ -234,6 +234,19 @@ def test_a_strong_touch_has_an_arrow_that_stays_in_the_picture(scene: SceneRende
     assert not changed[:, -5:].any()
     unknown = scene.draw(picture(), [touch(None)])
     assert (unknown != before).any()
+
+
+@pytest.mark.parametrize("newtons", [20.0, 500.0])
+def test_a_true_force_has_an_arrow_to_where_it_acts(scene: SceneRenderer, newtons: float) -> None:
+    point = np.array([0.2, 0.3, 0.9])  # beside the robot, where nothing hides it
+    force = Force(link="LForeArm", point=point, force=np.array([0.0, -newtons, 0.0]))
+    changed = (scene.draw(picture(forces=(force,))) != scene.draw(picture())).any(axis=2)
+    rows, columns = np.nonzero(changed)
+    tip = int(columns.argmin())
+    assert [rows[tip], columns[tip]] == pytest.approx(pixel(point), abs=4)
+    length = columns.max() - columns.min()
+    tail = pixel(point - FORCE_LENGTH * min(1.0, 40.0 / newtons) * force.force)
+    assert length == pytest.approx(tail[1] - pixel(point)[1], rel=0.15)
 
 
 def test_each_side_shows_the_arm_that_is_there(gl: None) -> None:

@@ -64,6 +64,19 @@ def test_contacts_are_those_known_at_a_moment(touched: Moments, moment: float) -
         assert {c.limb for c in expected} <= {"left_arm", "right_arm"}
 
 
+def test_true_forces_are_there_while_something_pushes(touched: Moments) -> None:
+    """Those of the truth that the posture of the base is from too."""
+    assert touched.log.truth is not None
+    rows = range(len(touched.log["time"]))
+    pushed = {row: touched.picture(row).forces for row in rows if touched.picture(row).forces}
+    times = touched.log["time"][list(pushed)]
+    assert np.ptp(times) == pytest.approx(1.5 + 0.6, abs=0.1), "two pushes, with a pause"
+    assert 2 * 0.5 < 0.012 * len(pushed) < 2 * 0.65
+    largest = max(float(np.linalg.norm(f.force)) for fs in pushed.values() for f in fs)
+    assert largest == pytest.approx(25.0, abs=0.5)
+    assert {f.link for fs in pushed.values() for f in fs} == {"LForeArm", "RForeArm"}
+
+
 def test_both_touches_are_felt(touched: Moments) -> None:
     limbs = [{c.limb for c in touched.felt(t)} for t in touched.log["time"]]
     assert {"left_arm"} in limbs
