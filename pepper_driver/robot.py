@@ -331,7 +331,8 @@ class Pepper(CallbackRegistry):
         """
         self._active()
         hand = self.backend.take_hand(link, point, stiffness=stiffness, max_force=max_force)
-        return SteadyHand(hand, self.backend, self.config, max_force=max_force)
+        stance = self.backend.truth if self.backend.plant.rolling else None
+        return SteadyHand(hand, stance, self.config, max_force=max_force)
 
     def stream_to(self, telemetry: TelemetryServer) -> None:
         """Stream every tick from now on, and every further run, to those who listen to ``telemetry``."""

@@ -13,13 +13,16 @@ from contextlib import suppress
 from functools import cached_property
 from importlib.util import find_spec
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, TYPE_CHECKING, Any, Self
 
 from pepper_driver.config import MissingExtraError, PepperError
 from pepper_driver.robot import Pepper
 from pepper_driver.telemetry import TelemetryServer
 from pepper_driver.telemetry.server import Request
-from pepper_driver.viewer.controls import Controls
+from pepper_driver.viewer.controls import Controls, TouchControls
+
+if TYPE_CHECKING:
+    from pepper_driver.viewer.served import ServedRobot
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 DEFAULT_HOST = "127.0.0.1"
@@ -29,6 +32,12 @@ START_TIME = 30.0
 
 STOP_TIME = 3.0
 """[s] for the page to end by itself."""
+
+SERVED_ROBOT = (
+    "This robot is served: the programs that are connected to it move and stop it. "
+    "What they feel is known to them alone."
+)
+"""What the page of a served robot says where that of a program has controls."""
 
 MIN_TOKEN = 8
 """Letters of a token that others than this computer must know."""
@@ -91,7 +100,7 @@ class View:
         check_extra()
         token = check_access(host, token)
         self._allow_control = allow_control
-        self._controls: Controls | None = None
+        self._controls: TouchControls | None = None
         self._telemetry = TelemetryServer(self._do, on_leave=self._leave, can=self._offers)
         try:
             self._process = PageProcess(
@@ -133,6 +142,11 @@ class View:
             pepper, allow_control=self._allow_control, perform=perform, choices=choices
         )
         pepper.stream_to(self._telemetry)
+
+    def show_served(self, served: ServedRobot) -> None:
+        """Show a robot that is served to programs; on the page it can be touched, and not be moved."""
+        self._controls = TouchControls(served, note=SERVED_ROBOT)
+        served.stream_to(self._telemetry)
 
     def open(self) -> None:
         """Open the page in the browser of this computer."""
