@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from pepper_driver.backends.selection import parse_uri
 from pepper_driver.cli.console import ModelsOption, make_console, show_line
 from pepper_driver.config.errors import ArgumentError
 from pepper_driver.observer import Contact
@@ -66,7 +67,8 @@ def view(
         list[str] | None,
         typer.Option(
             metavar="KIND",
-            help="Reflex of the robot; may be given again. By default comply; 'none' for none.",
+            help="Reflex of the robot; may be given again; 'none' for none. By default comply, and none on a real "
+            "robot without --allow-control.",
         ),
     ] = None,
     log: Annotated[
@@ -86,7 +88,10 @@ def view(
             raise ArgumentError("--log is for a robot, and this is a log")
         show_log(console, Path(what), host=host, port=port, token=token, open_browser=not no_open)
         return
-    kinds = ["comply"] if reflex is None else [kind for kind in reflex if kind != "none"]
+    if reflex is None:
+        moves = allow_control or parse_uri(what).scheme == "mujoco"
+        reflex = ["comply"] if moves else []
+    kinds = [kind for kind in reflex if kind != "none"]
     # The page begins while the robot is made: both take a second.
     with View(host=host, port=port, token=token, allow_control=allow_control) as page:
         robot_host = Host(

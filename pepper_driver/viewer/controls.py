@@ -168,7 +168,7 @@ class Controls(TouchControls):
 
     On a real robot, only ``stop`` is taken unless control is allowed; the hand of a person is never simulated there.
     Motions pass the safety gate as those of a program do. Driving ends ``drive_time`` of ``safety.yaml``, half a
-    second, after the last request, and at once when who asked for it is gone.
+    second, after the last request.
 
     Args:
         pepper: The robot.
@@ -190,7 +190,6 @@ class Controls(TouchControls):
         self._simulated = not pepper.backend.real_time
         self._controllable = allow_control or not pepper.backend.real_time
         self._choices = choices
-        self._driver: int | None = None
 
     @property
     def can(self) -> dict[str, Any]:
@@ -212,20 +211,11 @@ class Controls(TouchControls):
                 "the view only looks at a real robot, and stops it: start it with --allow-control to move it"
             )
 
-    def leave(self, listener: int) -> None:
-        """Let go of what a listener held that is gone, and stop the base that it drove."""
-        super().leave(listener)
-        if self._driver == listener:
-            self._driver = None
-            with suppress(PepperError):  # it has stopped
-                self._pepper.drive(0.0, 0.0, 0.0)
-
     def _stop(self, listener: int) -> None:
         self._pepper.emergency_stop("stopped in the view")
 
     def _drive(self, listener: int, vx: float, vy: float, wz: float) -> None:
         self._pepper.drive(vx, vy, wz)
-        self._driver = listener if any((vx, vy, wz)) else None
 
     def _posture(self, listener: int, name: str, duration: float) -> None:
         self._pepper.set_posture(name, duration=duration)

@@ -37,6 +37,9 @@ PRESS_DURATION = 0.3
 DRIVE_SPEED, TURN_SPEED = 0.15, 0.5
 """[m/s], [rad/s] of the drive pad."""
 
+DRIVING = 1.0
+"""[s] after a request of the drive pad in which the base may still follow it: later, a program may drive it."""
+
 DRIVE_KEYS: Mapping[
     str, tuple[Literal["W", "S", "A", "D", "Q", "E"], tuple[float, float, float]]
 ] = {
@@ -86,7 +89,7 @@ class LivePage(Page):
         self._row: bytes | None = None
         self._contacts: dict[int, Contact] = {}
         self._drag: _Drag | None = None
-        self._driver: int | None = None
+        self._driver, self._driven = -1, -np.inf
         self._can: dict[str, Any] = {}
         self._run: dict[str, Any] = {}
         self._controls: list[Any] = []
@@ -250,10 +253,9 @@ class LivePage(Page):
             self._request("move", link=drag.link, to=drag.to.tolist())
 
     def _leave(self, client: viser.ClientHandle) -> None:
-        """End what a browser did that is gone, at once: one that only hangs is waited for by the robot."""
+        """End at once what a browser did that is gone; of one that only hangs, the robot sees that it is silent."""
         self._let_go(client.client_id)
-        if self._driver == client.client_id:
-            self._driver = None
+        if self._driver == client.client_id and time.monotonic() - self._driven < DRIVING:
             self._request("drive", vx=0.0, vy=0.0, wz=0.0)
 
     def _let_go(self, client: int | None = None) -> None:
@@ -358,7 +360,7 @@ class LivePage(Page):
             vx, vy, wz = (scale * direction).tolist()
 
             def drive(event: Any, vx: float = vx, vy: float = vy, wz: float = wz) -> None:  # noqa: ANN401
-                self._driver = event.client_id
+                self._driver, self._driven = event.client_id, time.monotonic()
                 self._request("drive", vx=vx, vy=vy, wz=wz)
 
             button = gui.add_button(f"{label}  (key {key})", hint="Drives while it is held.")

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
 import psutil  # type: ignore[import-untyped]
 import pytest
 
@@ -62,6 +63,21 @@ def wait_until(what: Callable[[], Any]) -> Any:
         assert time.monotonic() < end, "it took too long"
         time.sleep(0.05)
     return found
+
+
+def place_on_screen(browser: Any, point: np.ndarray) -> tuple[int, int]:
+    """Pixels from the middle of the scene at which a point (3,) of the world is drawn, as the page begins."""
+    from pepper_driver.viewer.page import CAMERA, FIELD_OF_VIEW, LOOK_AT  # needs the extra
+
+    forward = np.array(LOOK_AT) - CAMERA
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    away = point - np.array(CAMERA)
+    height = browser.find_element("tag name", "canvas").rect["height"]
+    scale = 0.5 * height / np.tan(0.5 * FIELD_OF_VIEW) / (away @ forward)
+    return round(scale * float(away @ right)), round(-scale * float(away @ up))
 
 
 def text_of(browser: Any) -> str:
