@@ -53,7 +53,7 @@ class SteadyHand:
         self.limited = False
 
     def move(self, position: ArrayLike) -> None:
-        """Set where the hand is to go, (3,) in the world [m]; to be told again within half a second.
+        """Set where the hand is to go, (3,) in the world [m]; to be told again within its timeout.
 
         Raises:
             CommandError: Not finite numbers.

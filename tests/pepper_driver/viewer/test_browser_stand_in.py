@@ -47,8 +47,11 @@ def connected(stand_in: StandIn, observer: str | None = None) -> Pepper:
 
 
 def buttons(browser: Any) -> list[str]:
-    """Texts of all buttons: one that was drawn again meanwhile is no element of selenium any more."""
-    script = "return [...document.querySelectorAll('button')].map(button => button.innerText.trim())"
+    """Texts of the buttons that are seen; asked at once, as the page may draw them again between two questions."""
+    script = """
+    const seen = button => button.offsetParent !== null;
+    return [...document.querySelectorAll('button')].filter(seen).map(button => button.innerText.trim());
+    """
     return [text for text in browser.execute_script(script) if text]
 
 
