@@ -15,6 +15,10 @@ from pepper_driver.backends.simulated import Hand, TrueContact
 from pepper_driver.config.arrays import FloatArray
 
 
+_VECTORS = ("point", "force", "torque")
+"""Attributes of a contact that are arrays."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class TrueScene:
     """Truth of the stand-in's robot at the end of one cycle, as a picture of it needs it.
@@ -56,16 +60,13 @@ class TrueScene:
             position=np.array(message["position"]),
             base=np.array(message["base"]),
             tilt=np.array(message["tilt"]),
-            contacts=tuple(
-                TrueContact(
-                    **{
-                        name: np.array(value) if isinstance(value, list) else value
-                        for name, value in contact.items()
-                    }
-                )
-                for contact in message["contacts"]
-            ),
+            contacts=tuple(_contact(**values) for values in message["contacts"]),
         )
+
+
+def _contact(**values: Any) -> TrueContact:  # noqa: ANN401 of JSON
+    vectors: dict[str, Any] = {name: np.array(values.pop(name)) for name in _VECTORS}
+    return TrueContact(**vectors, **values)
 
 
 class HeldHands:
