@@ -14,7 +14,6 @@ from pepper_driver.backends.interface import Backend, BackendError, finite_numbe
 from pepper_driver.backends.simulated import Hand, TrueContact
 from pepper_driver.config.arrays import FloatArray
 
-
 _VECTORS = ("point", "force", "torque")
 """Attributes of a contact that are arrays."""
 

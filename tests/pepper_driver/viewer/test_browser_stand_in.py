@@ -93,10 +93,9 @@ def test_a_drag_of_the_served_arm_is_felt_by_a_program_elsewhere(
     with connected(stand_in, observer="fusion") as pepper:
         pepper.set_posture({"LShoulderPitch": 1.2, "LShoulderRoll": 0.3}, duration=1.0)
         pepper.run(1.5)
+        before = len(pepper.contact_history)
         drag(browser, stand_in, "LForeArm", [0.06, 0.0, 0.0])
-        wait_until(lambda: pepper.contact_history)
-        assert pepper.contact_history[0].limb == "left_arm"
-        assert [c.kind for c in stand_in.robot.look().contacts] == ["hand"]
+        wait_until(lambda: "left_arm" in {c.limb for c in pepper.contact_history[before:]})
         ActionChains(browser).release().perform()
         wait_until(lambda: not stand_in.robot.look().contacts)
         assert pepper.state.value == "active"
