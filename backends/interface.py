@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from pepper_driver.backends.fields import Command, Measurement
 from pepper_driver.backends.robot_services import RobotServices
-from pepper_driver.backends.simulated import Grab, Hand, Push, SimulatedPlant, Truth
+from pepper_driver.backends.simulated import HAND_TIMEOUT, Grab, Hand, Push, SimulatedPlant, Truth
 from pepper_driver.config import PepperError, RobotIdentity
 from pepper_driver.config.arguments import real_array
 from pepper_driver.config.arrays import FloatArray
@@ -364,6 +364,7 @@ class Backend(ABC):
         *,
         stiffness: float = Grab.stiffness,
         max_force: float = Grab.max_force,
+        timeout: float = HAND_TIMEOUT,
     ) -> Hand:
         """Take a link of a simulated robot in a springy hand now, to be moved later; see :class:`Hand`.
 
@@ -372,6 +373,7 @@ class Backend(ABC):
             point: (3,) where it holds, in the link's frame [m]; by default the link's centre of mass.
             stiffness: Of the hand, 500 to 3000 [N/m].
             max_force: What the hand can do [N]; beyond that it slips along.
+            timeout: [s] of the robot's time without :meth:`Hand.move` after which it lets go.
 
         Raises:
             CapabilityError: A real robot must be taken by hand.

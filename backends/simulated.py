@@ -14,6 +14,10 @@ from pepper_driver.config import PlantConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.contact_specs import Axes, GrabSpec
 
+HAND_TIMEOUT = 0.5
+"""[s] of the robot's time after which a hand lets go that no one moves, where nothing else is asked for. A simulation
+that is paced has the wall's time; in one that is not, the hand waits while the program does something else."""
+
 ContactKind = Literal["push", "hand", "object"]
 
 
@@ -56,7 +60,7 @@ class Hand(ABC):
     def move(self, position: ArrayLike, *, max_force: float | None = None) -> None:
         """Set where the hand is to go; it follows at 1 m/s and 10 m/s2 at most.
 
-        It must be told again within half a second, even to stay where it is: a hand that no one moves lets go.
+        It must be told again within its timeout, even to stay where it is: a hand that no one moves lets go.
 
         Args:
             position: (3,) in the world [m].

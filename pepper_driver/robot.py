@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Literal, ParamSpec, Self, Unpack
 from numpy.typing import ArrayLike
 
 from pepper_driver.backends import Backend, BackendError, Grab, Measurement, make_backend
+from pepper_driver.backends.simulated import HAND_TIMEOUT
 from pepper_driver.callbacks.callback_registry import CallbackRegistry
 from pepper_driver.callbacks.dispatcher import CallbackStatistics
 from pepper_driver.callbacks.events import ProgramEvent
@@ -310,6 +311,7 @@ class Pepper(CallbackRegistry):
         *,
         stiffness: float = Grab.stiffness,
         max_force: float = Grab.max_force,
+        timeout: float = HAND_TIMEOUT,
     ) -> SteadyHand:
         """Take a link of a simulated robot in a springy hand that is moved later, bounded by what would tip the robot.
 
@@ -321,17 +323,22 @@ class Pepper(CallbackRegistry):
             point: (3,) where it holds, in the link's frame [m]; by default the link's centre of mass.
             stiffness: Of the hand, 500 to 3000 [N/m].
             max_force: What the hand can do [N].
+            timeout: [s] of the robot's time without :meth:`~pepper_driver.steady_hand.SteadyHand.move` after which it
+                lets go.
 
         Returns:
-            The hand. It lets go when it is not moved for half a second of the robot's time.
+            The hand.
 
         Raises:
             CapabilityError: A real robot must be taken by hand.
             PepperError: The robot is not active, there is no such link, or it cannot be taken there.
         """
         self._active()
-        hand = self.backend.take_hand(link, point, stiffness=stiffness, max_force=max_force)
-        return SteadyHand(hand, self.backend, self.config, max_force=max_force)
+        hand = self.backend.take_hand(
+            link, point, stiffness=stiffness, max_force=max_force, timeout=timeout
+        )
+        stance = self.backend.truth if self.backend.plant.rolling else None
+        return SteadyHand(hand, stance, self.config, max_force=max_force)
 
     def stream_to(self, telemetry: TelemetryServer) -> None:
         """Stream every tick from now on, and every further run, to those who listen to ``telemetry``."""

@@ -257,7 +257,9 @@ class Session:
 
     def start_telemetry(self, telemetry: TelemetryServer) -> None:
         """Stream every tick from the next one on; see :meth:`pepper_driver.Pepper.show`."""
-        telemetry.begin(self._backend, self._robot, self._metadata(), self._status)
+        backend = self._backend
+        truth = backend.truth if "truth" in backend.info.capabilities else None
+        telemetry.begin(truth, self._robot, self._metadata(), self._status)
         self._changes.make(lambda: self.loop.start_telemetry(telemetry))
 
     def _status(self) -> dict[str, object]:

@@ -29,6 +29,7 @@ from pepper_driver.backends.mujoco_.sensors import CommandDelayLine
 from pepper_driver.backends.mujoco_.simulation import MujocoTruth, Readings, Simulation
 from pepper_driver.backends.selection import BackendUri
 from pepper_driver.backends.simulated import (
+    HAND_TIMEOUT,
     Grab,
     Hand,
     Push,
@@ -378,6 +379,7 @@ class MujocoBackend(Serial, Backend):
         *,
         stiffness: float = Grab.stiffness,
         max_force: float = Grab.max_force,
+        timeout: float = HAND_TIMEOUT,
     ) -> Hand:
         """Take a link in a hand that is moved later."""
         self._check_open()
@@ -389,7 +391,7 @@ class MujocoBackend(Serial, Backend):
             max_force=max_force,
             release=LIVE_RELEASE,
         )
-        return self._simulation.contacts.grabs.take(grab, self._lock)
+        return self._simulation.contacts.grabs.take(grab, timeout, self._lock)
 
     def _check_open(self) -> None:
         if self._state == "closed":

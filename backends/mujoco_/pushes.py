@@ -121,10 +121,6 @@ HAND_SPEED, HAND_ACCELERATION = 1.0, 10.0
 SETTLING = 0.1
 """[s] with which such a hand comes near its goal."""
 
-SILENCE = 0.5
-"""[s] of the robot's time after which a hand lets go that no one moves. A simulation that is paced has the wall's time;
-in one that is not, nothing moves while the program does something else, and the hand waits as well."""
-
 FIRM_LOAD, NO_LOAD = 0.4, 0.1
 """Load of the wheel that carries least, over an even share: from the first down such a hand gets weaker, and at the
 second it gives no force any more. People let go of a robot that tips."""
@@ -220,6 +216,7 @@ class _LiveGrip(_Grip):
         "_begin",
         "_care",
         "_length",
+        "_timeout",
         "force",
         "goal",
         "limit",
@@ -229,8 +226,9 @@ class _LiveGrip(_Grip):
         "where",
     )
 
-    def __init__(self, hand: ScheduledGrab) -> None:
+    def __init__(self, hand: ScheduledGrab, timeout: float) -> None:
         super().__init__(hand)
+        self._timeout = timeout
         self.goal: FloatArray | None = None
         self.limit = hand.max_force
         self.moved = hand.start
@@ -255,7 +253,7 @@ class _LiveGrip(_Grip):
     def begin_cycle(self, now: float, end: float, least_load: float) -> None:
         """Go on towards the goal as a hand can, from ``now`` to ``end`` [s], weaker where a wheel is about to lift."""
         self._care = min(max((least_load - NO_LOAD) / (FIRM_LOAD - NO_LOAD), 0.0), 1.0)
-        if self.released is None and now - self.moved > SILENCE:
+        if self.released is None and now - self.moved > self._timeout:
             self.released = now
         if self.anchor is None or self.pull is None:
             return
@@ -436,9 +434,11 @@ class GrabForces(Resumable):
         """Schedule a hand; raises as :meth:`Backend.grab` says."""
         self._pending.append(_Grip(hand=self._schedule(grab)))
 
-    def take(self, grab: Grab, lock: AbstractContextManager[object]) -> LiveHand:
+    def take(self, grab: Grab, timeout: float, lock: AbstractContextManager[object]) -> LiveHand:
         """Close a hand that is moved later; raises as :meth:`Backend.take_hand` says."""
-        grip = _LiveGrip(self._schedule(grab, live=True))
+        if not 0.0 < timeout < math.inf:
+            raise CommandError(f"hand: timeout must be above 0 s and finite, got {timeout:g}")
+        grip = _LiveGrip(self._schedule(grab, live=True), float(timeout))
         grip.where = self._place(grip.hand)  # to be moved from, before the first step
         self._pending.append(grip)
         return LiveHand(self, grip, lock)

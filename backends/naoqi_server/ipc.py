@@ -13,8 +13,12 @@ from queue import Empty, SimpleQueue
 from threading import Lock, Thread
 from typing import Any, Protocol
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from pepper_driver.backends.interface import BackendError
 from pepper_driver.backends.naoqi_server.dcm import TimedCommand, UpdateType
+from pepper_driver.backends.naoqi_server.hands import RemoteHand, TrueScene
 from pepper_driver.backends.naoqi_server.shared_values import BlackBox, Table
 from pepper_driver.config import PepperError
 
@@ -328,8 +332,22 @@ class RobotClient:
         """Return the truth of the last cycles."""
         return self._table.black_box(last)
 
-    def ask(self, what: str, **arguments: object) -> None:
-        """Send one request and wait until the robot process took it.
+    def look(self) -> TrueScene:
+        """Return the truth of the newest cycle."""
+        return TrueScene.from_message(self.ask("look"))
+
+    def take_hand(
+        self, link: str, point: ArrayLike | None, *, stiffness: float, max_force: float
+    ) -> RemoteHand:
+        """Take a link in a hand that is moved later; see :meth:`Backend.take_hand`."""
+        place = None if point is None else np.asarray(point, dtype=np.float64).tolist()
+        number: int = self.ask(
+            "take_hand", link=link, point=place, stiffness=stiffness, max_force=max_force
+        )
+        return RemoteHand(self.ask, number)
+
+    def ask(self, what: str, **arguments: object) -> Any:  # noqa: ANN401 whatever JSON has
+        """Send one request, wait until the robot process took it, and return what it answers.
 
         Raises:
             BackendError: It refuses, for the reason given, or does not answer.
@@ -348,3 +366,4 @@ class RobotClient:
             raise BackendError("the stand-in's robot process has ended")
         if "error" in answer:
             raise BackendError(str(answer["error"]))
+        return answer.get("result")

@@ -21,6 +21,7 @@ import numpy as np
 from pepper_driver.backends.fields import Command, Measurement
 from pepper_driver.backends.mujoco_.backend import MujocoBackend
 from pepper_driver.backends.naoqi_server.dcm import UPDATE_TYPES, Dcm, DcmClock, wrapped
+from pepper_driver.backends.naoqi_server.hands import HeldHands, TrueScene
 from pepper_driver.backends.naoqi_server.ipc import receive, send
 from pepper_driver.backends.naoqi_server.robot_faults import RobotFaults
 from pepper_driver.backends.naoqi_server.shared_values import Table, table_keys
@@ -142,6 +143,7 @@ class DcmHardware:
             "parents": [[parent.name, parent.identity] for parent in info.parents],
             "uri": self.backend.uri,
             "plant": plant.name,
+            "rolling": plant.base == "rolling",
             "response_delay": info.response_delay,
             "cycle_ms": round(1000 * info.cycle),
         }
@@ -200,11 +202,17 @@ class RobotProcess:
             for wheel in robot.wheels.names
         }
         self._naoqi: int | None = None
-        self._handlers: Mapping[str, Callable[..., None]] = {
+        hands = HeldHands(backend)
+        self._handlers: Mapping[str, Callable[..., object]] = {
             "order": self._order,
             "know_naoqi": self._know_naoqi,
             "push": lambda **arguments: backend.push(**_arrays(arguments, "force", "point")),
             "grab": lambda **arguments: backend.grab(**_arrays(arguments, "pull", "point")),
+            "look": lambda: TrueScene.message(backend),
+            "take_hand": lambda **arguments: hands.take(**_arrays(arguments, "point")),
+            "move_hand": hands.move,
+            "release_hand": hands.release,
+            "look_at_hand": hands.look,
             "set_fault": lambda name, arguments: self._faults.set(name, arguments),
             "clear_faults": self._faults.clear,
         }
@@ -260,7 +268,7 @@ class RobotProcess:
             return False
         answer: dict[str, Any] = {"number": message["number"]}
         try:
-            self.handle(message["ask"], **message["arguments"])
+            answer["result"] = self.handle(message["ask"], **message["arguments"])
         except PepperError as error:
             answer["error"] = str(error)
         except Exception as error:  # a failed request must not stop the robot
@@ -269,13 +277,13 @@ class RobotProcess:
             send(end, answer, wait=False)
         return True
 
-    def handle(self, request: str, **arguments: object) -> None:
-        """Execute a request.
+    def handle(self, request: str, **arguments: object) -> object:
+        """Execute a request; return what JSON can hold.
 
         Raises:
             PepperError: It is refused, for the reason given.
         """
-        self._handlers[request](**arguments)
+        return self._handlers[request](**arguments)
 
     def _know_naoqi(self, pid: int) -> None:
         """Remember the NAOqi process, which ends with this one: a stopped one does not see that its owner has ended."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import sys
 import time
-from typing import Annotated
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, nullcontext
+from typing import TYPE_CHECKING, Annotated
 from urllib.parse import urlencode
 
 import typer
@@ -15,9 +17,12 @@ from rich.table import Table
 from pepper_driver.backends.naoqi_server.faults import FAULTS, parse_fault
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.backends.naoqi_server.tls import Login
-from pepper_driver.cli.console import make_console
-from pepper_driver.config import network_names
+from pepper_driver.cli.console import make_console, show_line
+from pepper_driver.config import load_robot, network_names
 from pepper_driver.config.passwords import PASSWORD_VARIABLE
+
+if TYPE_CHECKING:
+    from pepper_driver.viewer.view import View
 
 USER = "nao"
 PASSWORD = "nao"
@@ -83,6 +88,10 @@ def serve(
             help="An injected fault, for example hang:seconds=2,after=10. Any number of times.",
         ),
     ] = None,
+    view: Annotated[
+        bool,
+        typer.Option("--view", help="Show the robot in the browser, where it can be touched."),
+    ] = False,
     list_faults: Annotated[
         bool, typer.Option("--faults", help="Print all faults and their arguments, and exit.")
     ] = False,
@@ -104,22 +113,30 @@ def serve(
     uri = (
         f"mujoco://?{urlencode({'plant': plant, 'seed': seed, 'world': world, 'posture': posture})}"
     )
-    with StandIn(
-        uri,
-        host=host,
-        port=port,
-        clock=clock,
-        consent=consent,
-        network=network,
-        login=login,
-        faults=faults,
-    ) as stand_in:
+    with (
+        _page() if view else nullcontext() as page,
+        StandIn(
+            uri,
+            host=host,
+            port=port,
+            clock=clock,
+            consent=consent,
+            network=network,
+            login=login,
+            faults=faults,
+        ) as stand_in,
+        ExitStack() as shown,
+    ):
         if login is None and host not in ("127.0.0.1", "localhost", "::1"):
             _warn(f"{host} can be reached from other machines without a password")
         console.print(f"ready on {stand_in.url}")
         if login is not None:
             known = f"that of {PASSWORD_VARIABLE}" if login.token != PASSWORD else f"'{PASSWORD}'"
             console.print(f"user '{USER}', password {known}")
+        if page is not None:
+            shown.enter_context(_shown(page, stand_in))
+            show_line(console, f"view: {page.address}")
+            page.open()
         while True:
             how = stand_in.wait()
             _warn(
@@ -128,6 +145,26 @@ def serve(
             time.sleep(RESTART_DELAY)
             stand_in.start_naoqi()
             console.print(f"ready on {stand_in.url}")
+
+
+def _page() -> View:
+    """Return a page that begins while the robot starts."""
+    from pepper_driver.viewer.view import View  # brings more than a server needs
+
+    return View()
+
+
+@contextmanager
+def _shown(page: View, stand_in: StandIn) -> Iterator[None]:
+    """Show the robot on a page as long as the block is open."""
+    from pepper_driver.viewer.served import ServedRobot
+
+    served = ServedRobot(stand_in.robot, load_robot(), stand_in.url)
+    page.show_served(served)
+    try:
+        yield
+    finally:
+        served.close()
 
 
 def _warn(text: str) -> None:

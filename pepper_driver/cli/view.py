@@ -69,7 +69,8 @@ def view(
         list[str] | None,
         typer.Option(
             metavar="KIND",
-            help="Reflex of the robot; may be given again. By default comply; 'none' for none.",
+            help="Reflex of the robot; may be given again; 'none' for none. By default comply, and none on a real "
+            "robot without --allow-control.",
         ),
     ] = None,
     log: Annotated[
@@ -89,11 +90,15 @@ def view(
             raise ArgumentError("--log is for a robot, and this is a log")
         show_log(console, Path(what), host=host, port=port, token=token, open_browser=not no_open)
         return
-    kinds = ["comply"] if reflex is None else [kind for kind in reflex if kind != "none"]
     with View(host=host, port=port, token=token, allow_control=allow_control) as page:
         # Imported only now: meanwhile the page begins.
+        from pepper_driver.backends.selection import parse_uri
         from pepper_driver.viewer.host import Host, HostedRun
 
+        if reflex is None:
+            moves = allow_control or parse_uri(what).scheme == "mujoco"
+            reflex = ["comply"] if moves else []
+        kinds = [kind for kind in reflex if kind != "none"]
         robot_host = Host(
             HostedRun(
                 uri=what,

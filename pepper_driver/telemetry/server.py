@@ -16,9 +16,8 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from pepper_driver.backends import Backend
 from pepper_driver.backends.fields import TICK_FIELDS
-from pepper_driver.backends.simulated import TrueContact
+from pepper_driver.backends.simulated import TrueContact, Truth
 from pepper_driver.config import PepperError, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import reason
@@ -65,8 +64,8 @@ OnRequest = Callable[[int, Request], object]
 
 
 class _Entry(NamedTuple):
-    record: TickRecord
-    shown: bool  # its row is sent, not only its events
+    record: TickRecord | None  # whose contacts and events are sent
+    row: TickRow | None
     base: FloatArray | None = None
     tilt: FloatArray | None = None
     forces: tuple[TrueContact, ...] = ()
@@ -149,7 +148,7 @@ class TelemetryServer:
 
     def begin(
         self,
-        backend: Backend,
+        truth: Truth | None,
         robot: RobotConfig,
         metadata: Mapping[str, str],
         status: Callable[[], Mapping[str, object]],
@@ -157,13 +156,13 @@ class TelemetryServer:
         """Announce a run.
 
         Args:
-            backend: Active; where it is a simulation, the pictures show the truth.
+            truth: Of a simulation, which the pictures of :meth:`append` then show; or None.
             robot: Its description.
             metadata: Text about the run, as in a log.
             status: Called a few times a second on this server's thread; returns what JSON can hold.
         """
         self._ring.clear()
-        self._run = _Run(backend, robot, metadata, status, self._can())
+        self._run = _Run(truth, robot, metadata, status, self._can())
 
     def append(self, record: TickRecord) -> None:
         """Take a tick, inside it. Never raises, never waits."""
@@ -174,7 +173,26 @@ class TelemetryServer:
         if self._count % STRIDE == 0:
             self._ring.append(run.entry(record))
         elif record.events or (observation is not None and observation.contacts):
-            self._ring.append(_Entry(record, shown=False))
+            self._ring.append(_Entry(record, None))
+
+    def show(
+        self,
+        row: TickRow,
+        *,
+        base: FloatArray,
+        tilt: FloatArray | None = None,
+        forces: tuple[TrueContact, ...] = (),
+    ) -> None:
+        """Take a row that no loop has made, as often as it is to be shown.
+
+        Args:
+            row: As in a log.
+            base: (3,) x, y [m], yaw [rad] of the base.
+            tilt: (2,) pitch, roll of the base [rad]; None where unknown.
+            forces: Contacts that a simulation knows.
+        """
+        if self._run is not None:
+            self._ring.append(_Entry(None, row, base, tilt, forces))
 
     def log_event(self, event: LogEvent) -> None:
         """Send what happened outside any tick."""
@@ -217,12 +235,13 @@ class TelemetryServer:
         newest: _Entry | None = None
         while self._ring:
             entry = self._ring.popleft()
-            newest = entry if entry.shown else newest
-            self._send(run.events_of(entry.record))
+            newest = entry if entry.row is not None else newest
+            if entry.record is not None:
+                self._send(run.events_of(entry.record))
         while run.events:
             self._send(pack(Kind.EVENT, EVENTS.encode(run.events.popleft())))
-        if newest is not None and self._listeners:
-            self._send(run.picture(newest), least=True)
+        if newest is not None and newest.row is not None and self._listeners:
+            self._send(run.picture(newest.row, newest), least=True)
 
     def _send(self, data: bytes, *, least: bool = False) -> None:
         """Send to all; what matters ``least`` not to those with a backlog."""
@@ -329,7 +348,7 @@ class _Run:
 
     def __init__(
         self,
-        backend: Backend,
+        truth: Truth | None,
         robot: RobotConfig,
         metadata: Mapping[str, str],
         status: Callable[[], Mapping[str, object]],
@@ -340,15 +359,25 @@ class _Run:
         )
         self.events: deque[LogEvent] = deque()
         self._status = status
-        self._truth = backend.truth if "truth" in backend.info.capabilities else None
+        self._truth = truth
         self._rows, self._unobserved = Rows(TICK_FIELDS, robot), unobserved(robot)
 
     def entry(self, record: TickRecord) -> _Entry:
         """Return a tick with the pose of the base, and the forces that a simulation knows."""
-        truth = self._truth
+        tick, observation, truth = record.tick, record.observation, self._truth
+        row = TickRow(
+            tick.measurement,
+            tick.reference,
+            tick.sent,
+            tick.limited,
+            self._unobserved if observation is None else observation,
+            0,
+            record.tick_end,
+            record.missed,
+        )
         if truth is None:
-            return _Entry(record, shown=True, base=record.base_pose)
-        return _Entry(record, shown=True, base=truth.base, tilt=truth.tilt, forces=truth.contacts)
+            return _Entry(record, row, base=record.base_pose)
+        return _Entry(record, row, base=truth.base, tilt=truth.tilt, forces=truth.contacts)
 
     def events_of(self, record: TickRecord) -> bytes:
         """Return contacts and events of a tick."""
@@ -360,27 +389,16 @@ class _Run:
             ]
         )
 
-    def picture(self, entry: _Entry) -> bytes:
-        """Return row and pose of a tick."""
-        tick, observation = entry.record.tick, entry.record.observation
-        row = self._rows.message(
-            TickRow(
-                tick.measurement,
-                tick.reference,
-                tick.sent,
-                tick.limited,
-                self._unobserved if observation is None else observation,
-                0,
-                entry.record.tick_end,
-                entry.record.missed,
-            )
-        )
+    def picture(self, row: TickRow, entry: _Entry) -> bytes:
+        """Return row and pose of an entry."""
         forces = [
             {"link": c.link, "point": c.point.tolist(), "force": c.force.tolist()}
             for c in entry.forces
         ]
         base, tilt = (None if v is None else v.tolist() for v in (entry.base, entry.tilt))
-        return pack(Kind.TICK, row) + pack_json(Kind.POSE, base=base, tilt=tilt, forces=forces)
+        return pack(Kind.TICK, self._rows.message(row)) + pack_json(
+            Kind.POSE, base=base, tilt=tilt, forces=forces
+        )
 
     def status(self) -> bytes:
         """Return the state of the run."""

@@ -38,6 +38,9 @@ PRESS_DURATION = 0.3
 DRIVE_SPEED, TURN_SPEED = 0.15, 0.5
 """[m/s], [rad/s] of the drive pad."""
 
+DRIVING = 1.0
+"""[s] after a request of the drive pad in which the base may still follow it: later, a program may drive it."""
+
 DRIVE_KEYS: Mapping[
     str, tuple[Literal["W", "S", "A", "D", "Q", "E"], tuple[float, float, float]]
 ] = {
@@ -52,6 +55,14 @@ DRIVE_KEYS: Mapping[
 
 POSTURE_TIME = 2.0
 """[s] for the way to a posture."""
+
+
+NOT_OBSERVED = "none"
+"""Name of the observer of a run without one, as in a log."""
+
+UNOBSERVED = "This run has no observer: residuals, torques and contacts are not known."
+UNKNOWN = "Residuals, torques and contacts are not known here: no observer runs in the program that serves the robot."
+"""What stands in place of the curves."""
 
 
 @dataclass
@@ -79,14 +90,17 @@ class LivePage(Page):
         self._row: bytes | None = None
         self._contacts: dict[int, Contact] = {}
         self._drag: _Drag | None = None
+        self._driver, self._driven = -1, -np.inf
         self._can: dict[str, Any] = {}
         self._run: dict[str, Any] = {}
         self._controls: list[Any] = []
         self._label: Any = None
         self._newest: Picture | None = None
+        self._observed = True
         self._add_stop()
         tabs = self.server.gui.add_tab_group()
         with tabs.add_tab("Signals"):
+            self._unobserved = self.server.gui.add_markdown("", visible=False)
             self.add_curves()
             self._list = Happenings(self.server, "Contacts and events")
             self._stages = self.server.gui.add_html("")
@@ -94,7 +108,7 @@ class LivePage(Page):
         with tabs.add_tab("Show"):
             self.add_switches()
         self.scene.on_part(self._add_mouse)
-        self.server.on_client_disconnect(lambda client: self._let_go(client.client_id))
+        self.server.on_client_disconnect(self._leave)
 
     # -- the stream -----------------------------------------------------------------------------------------------
 
@@ -109,7 +123,8 @@ class LivePage(Page):
                 now = time.monotonic()
                 if self._newest is not None:
                     self._show(self._newest)
-                    self.draw_curves(self._newest, now)
+                    if self._observed:
+                        self.draw_curves(self._newest, now)
                     self._newest = None
                 self._refresh_drag(now)
         except TelemetryError:
@@ -146,9 +161,16 @@ class LivePage(Page):
         self._run, self._can = about["run"], about["can"]
         self._contacts.clear()
         self._list.clear()
+        self._stages.content = ""
         self.pictures.clear()
         self.scene.clear()
-        self._stop.disabled = False
+        self._stop.disabled = not self._can["stop"]
+        self._stop.visible = self._can["stop"]
+        self._observed = self._run.get("observer", NOT_OBSERVED) != NOT_OBSERVED
+        self._unobserved.content = UNOBSERVED if "observer" in self._run else UNKNOWN
+        self._unobserved.visible = not self._observed
+        self.curves.show(self._observed)
+        self._list.show_list("observer" in self._run)
         for handle in self._controls:
             handle.remove()
         self._controls = []
@@ -164,18 +186,21 @@ class LivePage(Page):
         if status["fault"]:
             state = f"**stopped:** {status['fault']}"
         self._again.visible = bool(status["fault"]) and "current" in self._can
-        reflexes = ", ".join(status["reflexes"]) or "none"
-        felt = ", ".join(sorted({c.limb for c in self._contacts.values()})) or "nothing"
-        run = self._run
         time_text = f"{self.pictures[-1].time:.1f} s" if self.pictures else ""
+        facts = []
+        if self._observed:
+            felt = ", ".join(sorted({c.limb for c in self._contacts.values()})) or "nothing"
+            facts.append(f"touched: **{felt}**")
+        if "reflexes" in status:  # a robot that is only served has none of this
+            facts.append(f"reflex: {', '.join(status['reflexes']) or 'none'}")
+            if status["attentive"]:
+                facts.append("attentive")
+            self._stages.content = (
+                f'<div style="font-size:0.75em;padding:0 1em">{stage_text(status["stages"])}; '
+                f"missed ticks: {status['missed']}</div>"
+            )
         self.status.content = (
-            f"**{run.get('backend', '')}** · {time_text} · {state}  \n"
-            f"touched: **{felt}** · reflex: {reflexes}"
-            + (" · attentive" if status["attentive"] else "")
-        )
-        self._stages.content = (
-            f'<div style="font-size:0.75em;padding:0 1em">{stage_text(status["stages"])}; '
-            f"missed ticks: {status['missed']}</div>"
+            f"**{self._run.get('backend', '')}** · {time_text} · {state}  \n" + " · ".join(facts)
         )
 
     def _notify(self, text: str) -> None:
@@ -195,7 +220,7 @@ class LivePage(Page):
         self._again = gui.add_button("Start again", color="blue", visible=False)
         self._again.on_click(lambda _: self._request("restart", **self._can["current"]))
         key = gui.add_command("Stop the robot", hotkey="X")
-        key.on_trigger(lambda _: self._request("stop"))
+        key.on_trigger(lambda _: self._request("stop") if self._can.get("stop") else None)
 
     def _add_mouse(self, visual: Visual, handle: Any) -> None:  # noqa: ANN401 of viser
         async def drag(event: viser.SceneNodeDragEvent[Any]) -> None:
@@ -227,6 +252,12 @@ class LivePage(Page):
         if drag is not None and now - drag.sent >= REFRESH:
             drag.sent = now
             self._request("move", link=drag.link, to=drag.to.tolist())
+
+    def _leave(self, client: viser.ClientHandle) -> None:
+        """End at once what a browser did that is gone; of one that only hangs, the robot sees that it is silent."""
+        self._let_go(client.client_id)
+        if self._driver == client.client_id and time.monotonic() - self._driven < DRIVING:
+            self._request("drive", vx=0.0, vy=0.0, wz=0.0)
 
     def _let_go(self, client: int | None = None) -> None:
         drag = self._drag
@@ -274,9 +305,7 @@ class LivePage(Page):
         if can.get("touch"):
             self._add_touch_controls()
         if not can.get("control"):
-            self._controls.append(
-                gui.add_markdown("This is a real robot: the page only looks, and stops it.")
-            )
+            self._controls.append(gui.add_markdown(can["note"]))
             return
         if can.get("motions"):
             self._add_choice("Motion or experiment", can["motions"], "Play", "play", "name")
@@ -331,7 +360,8 @@ class LivePage(Page):
         for label, (key, direction) in DRIVE_KEYS.items():
             vx, vy, wz = (scale * direction).tolist()
 
-            def drive(_: object, vx: float = vx, vy: float = vy, wz: float = wz) -> None:
+            def drive(event: Any, vx: float = vx, vy: float = vy, wz: float = wz) -> None:  # noqa: ANN401
+                self._driver, self._driven = event.client_id, time.monotonic()
                 self._request("drive", vx=vx, vy=vy, wz=wz)
 
             button = gui.add_button(f"{label}  (key {key})", hint="Drives while it is held.")

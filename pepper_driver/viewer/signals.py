@@ -89,6 +89,11 @@ class Curves:
             height=180,
         )
 
+    def show(self, visible: bool) -> None:
+        """Show or hide the curves, with their choice of the joint."""
+        for part in (self.choice, self._name, self._residual, self._torque):
+            part.visible = visible
+
     def update(self, pictures: Sequence[Picture], moment: Picture) -> None:
         """Show some pictures, of a joint that is chosen at a moment."""
         joint = self._chosen(moment)
@@ -130,6 +135,10 @@ class Happenings:
         self._lines: deque[str] = deque(maxlen=SHOWN_LINES)
         self._html = server.gui.add_html("")
         self._draw()
+
+    def show_list(self, visible: bool) -> None:
+        """Show or hide the list."""
+        self._html.visible = visible
 
     def clear(self) -> None:
         """Forget all."""

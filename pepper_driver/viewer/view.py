@@ -20,7 +20,8 @@ from pepper_driver.config import MissingExtraError, PepperError
 if TYPE_CHECKING:
     from pepper_driver.robot import Pepper
     from pepper_driver.telemetry.server import Request
-    from pepper_driver.viewer.controls import Controls
+    from pepper_driver.viewer.controls import TouchControls
+    from pepper_driver.viewer.served import ServedRobot
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 DEFAULT_HOST = "127.0.0.1"
@@ -30,6 +31,12 @@ START_TIME = 30.0
 
 STOP_TIME = 3.0
 """[s] for the page to end by itself."""
+
+SERVED_ROBOT = (
+    "This robot is served: the programs that are connected to it move and stop it. "
+    "What they feel is known to them alone."
+)
+"""What the page of a served robot says where that of a program has controls."""
 
 MIN_TOKEN = 8
 """Letters of a token that others than this computer must know."""
@@ -92,7 +99,7 @@ class View:
         check_extra()
         token = check_access(host, token)
         self._allow_control = allow_control
-        self._controls: Controls | None = None
+        self._controls: TouchControls | None = None
         self._process = PageProcess(host=host, port=port, token=token)
         # Imported only now: meanwhile the page begins.
         from pepper_driver.telemetry.server import TelemetryServer
@@ -133,6 +140,13 @@ class View:
             pepper, allow_control=self._allow_control, perform=perform, choices=choices
         )
         pepper.stream_to(self._telemetry)
+
+    def show_served(self, served: ServedRobot) -> None:
+        """Show a robot that is served to programs; on the page it can be touched, and not be moved."""
+        from pepper_driver.viewer.controls import TouchControls
+
+        self._controls = TouchControls(served, note=SERVED_ROBOT)
+        served.stream_to(self._telemetry)
 
     def open(self) -> None:
         """Open the page in the browser of this computer."""

@@ -11,6 +11,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import psutil  # type: ignore[import-untyped]
 import pytest
 
@@ -80,6 +81,21 @@ def keep_picture(browser: Any, name: str) -> None:
         browser.execute_script(HIDE_NOTICES)
         pixels = Image.open(BytesIO(browser.get_screenshot_as_png())).convert("RGB")
         pixels.quantize(255).save(Path(folder) / f"{name}.png", optimize=True)
+
+
+def place_on_screen(browser: Any, point: np.ndarray) -> tuple[int, int]:
+    """Pixels from the middle of the scene at which a point (3,) of the world is drawn, as the page begins."""
+    from pepper_driver.viewer.page import CAMERA, FIELD_OF_VIEW, LOOK_AT  # needs the extra
+
+    forward = np.array(LOOK_AT) - CAMERA
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    away = point - np.array(CAMERA)
+    height = browser.find_element("tag name", "canvas").rect["height"]
+    scale = 0.5 * height / np.tan(0.5 * FIELD_OF_VIEW) / (away @ forward)
+    return round(scale * float(away @ right)), round(-scale * float(away @ up))
 
 
 def text_of(browser: Any) -> str:

@@ -328,8 +328,8 @@ class VirtualRobotClient(RobotClient):
     def time(self) -> int:
         return wrapped(self._origin + (self._time.now - self._begin) // 1_000_000)
 
-    def ask(self, what: str, **arguments: object) -> None:
-        self._process.handle(what, **arguments)
+    def ask(self, what: str, **arguments: object) -> Any:
+        return self._process.handle(what, **arguments)
 
 
 @dataclass

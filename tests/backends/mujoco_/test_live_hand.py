@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from pepper_driver.backends import CapabilityError, Command, CommandError, make_backend
 from pepper_driver.backends.mujoco_ import MujocoBackend
-from pepper_driver.backends.mujoco_.pushes import HAND_ACCELERATION, HAND_SPEED, SILENCE
-from pepper_driver.backends.simulated import Hand
+from pepper_driver.backends.mujoco_.pushes import HAND_ACCELERATION, HAND_SPEED
+from pepper_driver.backends.simulated import HAND_TIMEOUT, Hand
 from pepper_driver.config import UnknownNameError
 
 CYCLE = 0.012  # [s]
@@ -91,11 +91,13 @@ def test_a_jump_of_the_goal_is_no_blow(backend: MujocoBackend) -> None:
     assert np.linalg.norm(last) == pytest.approx(HAND_SPEED, rel=0.01)
 
 
-def test_a_hand_that_no_one_moves_lets_go(backend: MujocoBackend) -> None:
-    hand = backend.take_hand("torso")
+@pytest.mark.parametrize("given", [None, 0.2, 1.5])
+def test_a_hand_that_no_one_moves_lets_go(backend: MujocoBackend, given: float | None) -> None:
+    timeout = HAND_TIMEOUT if given is None else given
+    hand = backend.take_hand("torso", **({} if given is None else {"timeout": given}))
     run(backend, 1.0, hand, hand.point + np.array([0.05, 0.0, 0.0]))
     assert hand.holds, "as long as it is moved"
-    run(backend, SILENCE - 2 * CYCLE)
+    run(backend, timeout - 2 * CYCLE)
     assert hand.holds
     assert np.linalg.norm(hand.force) > 5.0
     run(backend, 0.2)
@@ -125,6 +127,9 @@ def test_what_is_wrong_is_refused_and_nothing_holds(backend: MujocoBackend) -> N
         backend.take_hand("Haed")
     with pytest.raises(CommandError, match="stiffness"):
         backend.take_hand("Head", stiffness=1e6)
+    for timeout in (0.0, -1.0, np.inf, np.nan):
+        with pytest.raises(CommandError, match="timeout"):
+            backend.take_hand("Head", timeout=timeout)
     with pytest.raises(CommandError, match="point"):
         backend.take_hand("Head", [np.nan, 0.0, 0.0])
     hand = backend.take_hand("Head")

@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import time
+import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -85,6 +86,37 @@ def test_it_starts_naoqi_anew_and_ends_with_the_robot() -> None:
         _, err = process.communicate(timeout=60)
         assert process.returncode == 1
         assert err == "pepper: the stand-in's robot process ended by signal 9\n"
+
+
+def test_with_a_view_it_prints_the_page_which_ends_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("viser")
+    monkeypatch.setenv("BROWSER", "true")  # the command
+    with served("--view") as (process, line):
+        assert line.startswith("ready on tcp://127.0.0.1:")
+        assert process.stdout is not None
+        match = re.fullmatch(
+            r"view: (http://127\.0\.0\.1:\d+/\S+/)", process.stdout.readline().strip()
+        )
+        assert match
+        with urllib.request.urlopen(match[1], timeout=30) as answer:
+            assert b"<html" in answer.read()
+        pids = children(process.pid)
+        assert len(pids) == 3
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=60)
+        assert "Traceback" not in err
+        assert wait_until(lambda: not any(os.path.exists(f"/proc/{pid}") for pid in pids), 10.0)
+
+
+def test_without_the_viewer_it_names_the_extra(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pepper_driver.viewer.view.find_spec", lambda _: None)
+    assert run(["serve", "--port", "0", "--view"]) == 2
+    captured = capsys.readouterr()
+    assert "pepper-driver[viewer]" in captured.err
+    assert captured.err.count("\n") == 1
+    assert not captured.out, "nothing was started"
 
 
 def test_other_machines_are_warned_of() -> None:

@@ -22,7 +22,15 @@ from pepper_driver.reflexes import Comply
 from pepper_driver.viewer.page import CAMERA, FIELD_OF_VIEW, LOOK_AT
 from pepper_driver.viewer.serving import serve_page
 from pepper_driver.viewer.view import View
-from support.browsers import click, hosts_asked, keep_picture, open_browser, text_of, wait_until
+from support.browsers import (
+    click,
+    hosts_asked,
+    keep_picture,
+    open_browser,
+    place_on_screen,
+    text_of,
+    wait_until,
+)
 
 TOKEN = "test-token"
 
@@ -31,19 +39,6 @@ TOKEN = "test-token"
 def browser() -> Iterator[Any]:
     with open_browser() as browser:
         yield browser
-
-
-def place_on_screen(browser: Any, point: np.ndarray) -> tuple[int, int]:
-    """Pixels from the middle of the scene at which a point (3,) of the world is drawn, as the page begins."""
-    forward = np.array(LOOK_AT) - CAMERA
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    up = np.cross(right, forward)
-    away = point - np.array(CAMERA)
-    height = browser.find_element("tag name", "canvas").rect["height"]
-    scale = 0.5 * height / np.tan(0.5 * FIELD_OF_VIEW) / (away @ forward)
-    return round(scale * float(away @ right)), round(-scale * float(away @ up))
 
 
 def open_live(browser: Any, view: View, pepper: Pepper) -> None:
