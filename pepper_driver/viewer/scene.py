@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -160,7 +161,6 @@ class RobotScene:
 
     Attributes:
         body: The robot as measured.
-        ghost: The robot as commanded.
         ghost_wanted: False to hide the ghost.
         names: Labels of the links, hidden at first.
     """
@@ -174,7 +174,7 @@ class RobotScene:
             "/floor", width=20.0, height=20.0, cell_size=0.25, section_size=1.0, infinite_grid=True
         )
         self.body = RobotTree(server, self._model, visuals, "/robot")
-        self.ghost = RobotTree(server, self._model, visuals, "/commanded", ghost=True)
+        self._visuals = visuals
         self.ghost_wanted = True
         self.names: list[Handle] = []
         self._posing, self._tilt = threading.Lock(), np.zeros(2)
@@ -182,6 +182,11 @@ class RobotScene:
         self._path: list[FloatArray] = []
         self._path_handle: Handle | None = None
         self._arrows: dict[str, Handle] = {}
+
+    @cached_property
+    def ghost(self) -> RobotTree:
+        """The robot as commanded."""
+        return RobotTree(self._server, self._model, self._visuals, "/commanded", ghost=True)
 
     def on_part(self, attach: Callable[[Visual, Handle], None]) -> None:
         """Call a function with each part that can be taken with the mouse, and its handle."""
@@ -240,7 +245,7 @@ class RobotScene:
         with self._server.atomic():
             away = np.abs(picture.commanded - picture.position)
             visible = self.ghost_wanted and bool(np.nan_to_num(away).max() > GHOST_DISTANCE)
-            if visible != self.ghost.root.visible:
+            if visible or "ghost" in self.__dict__:  # a browser has enough to do at first
                 self.ghost.root.visible = visible
             if visible:
                 self.ghost.update(
