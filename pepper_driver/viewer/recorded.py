@@ -74,7 +74,7 @@ class RecordedPage(Page):
         self._speed = gui.add_dropdown("Speed", SPEEDS, initial_value="1")
         self._play.on_click(lambda _: self._toggle())
         gui.add_command("Play or pause", hotkey="P").on_trigger(lambda _: self._toggle())
-        self._slider.on_update(self._seek)
+        self._slider.on_update(self._on_slider)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Signals"):
             self.add_curves()
@@ -118,9 +118,13 @@ class RecordedPage(Page):
         self._playing = not self._playing
         self._play.label = f"{'Pause' if self._playing else 'Play'}  (key P)"
 
-    def _seek(self, event: viser.GuiEvent[Any]) -> None:
+    def seek(self, time: float) -> None:
+        """Go to a time of the log [s]. Any thread may call."""
+        self._moment = min(max(time, self._begin), self._end)
+
+    def _on_slider(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:  # moved on the page, not by the playing
-            self._moment = float(self._slider.value)
+            self.seek(float(self._slider.value))
 
     def _set_pairs(self, pairs: Sequence[MatchedPair[Contact]] | None) -> None:
         """Show these contacts from now on; without a replay those of the log."""

@@ -122,7 +122,7 @@ def test_a_view_of_a_real_robot_looks_and_stops(stand_in: StandIn, browser: Any)
             view.show(pepper)
             browser.get(view.address)
             wait_until(lambda: "active" in text_of(browser))
-            assert buttons(browser) == ["STOP (key X)"]
+            wait_until(lambda: buttons(browser) == ["STOP (key X)"])
             click(browser, "Touch and move")
             wait_until(lambda: "real robot: the page only looks" in text_of(browser))
             assert buttons(browser) == ["STOP (key X)"]
