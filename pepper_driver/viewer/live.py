@@ -29,6 +29,13 @@ REFRESH = 0.1
 RECEIVE = 0.05
 """[s] of waiting for the stream, at most."""
 
+_RED = 'button[style*="color-red-filled"]'
+STOP_STYLE = (
+    f'<style>div[style*="overflow: hidden"]:has({_RED}) {{overflow: clip !important}} '
+    f"div:has(> {_RED}) {{position: sticky; top: 0; z-index: 10}}</style>"
+)
+"""The button that stops, the only red one, stays in sight as the panel is scrolled; what clips it must not scroll."""
+
 TAP_DURATION = 0.15
 """[s] of a click."""
 
@@ -124,7 +131,7 @@ class LivePage(Page):
                 if self._newest is not None:
                     self._show(self._newest)
                     if self._observed:
-                        self.draw_curves(self._newest, now)
+                        self.draw_curves(self._newest, self._contacts.values(), now)
                     self._newest = None
                 self._refresh_drag(now)
         except TelemetryError:
@@ -142,7 +149,7 @@ class LivePage(Page):
         elif kind is Kind.CONTACT:
             contact = CONTACTS.decode(message.data)
             self._list.add(contact)
-            if contact.phase == "end":
+            if contact.phase == "end" or contact.kind == "rebound":  # which is no touch
                 self._contacts.pop(contact.id, None)
             else:
                 self._contacts[contact.id] = contact
@@ -215,6 +222,7 @@ class LivePage(Page):
 
     def _add_stop(self) -> None:
         gui = self.server.gui
+        gui.add_html(STOP_STYLE)
         self._stop = gui.add_button("STOP  (key X)", color="red", disabled=True)
         self._stop.on_click(lambda _: self._request("stop"))
         self._again = gui.add_button("Start again", color="blue", visible=False)

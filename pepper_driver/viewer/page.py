@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 
 from pepper_driver.config import RobotConfig
+from pepper_driver.observer import Contact
 from pepper_driver.viewer.picture import Picture
 from pepper_driver.viewer.scene import RobotScene
 from pepper_driver.viewer.serving import ServedPage
 from pepper_driver.viewer.signals import AUTOMATIC, WINDOW, Curves
 
-CAMERA, LOOK_AT, FIELD_OF_VIEW = (2.5, -1.1, 1.25), (0.0, -0.15, 0.62), 0.6
-"""[m], [m], [rad] The robot from its front, as a person sees it."""
+CAMERA, LOOK_AT, FIELD_OF_VIEW = (2.6, -0.8, 1.25), (0.1, 0.15, 0.62), 0.6
+"""[m], [m], [rad] The robot from its front, as a person sees it, beside the panel."""
 
 CURVE_PERIOD = 0.12
 """[s] between two drawings of the curves."""
@@ -71,10 +73,10 @@ class Page:
         while self.pictures[0].time < picture.time - WINDOW:
             self.pictures.popleft()
 
-    def draw_curves(self, moment: Picture, now: float) -> bool:
-        """Draw the curves at a moment; return False where the last time was only just before."""
+    def draw_curves(self, moment: Picture, felt: Iterable[Contact], now: float) -> bool:
+        """Draw the curves at a moment with its contacts; return False where the last time was only just before."""
         if now < self._next_curves:
             return False
         self._next_curves = now + CURVE_PERIOD
-        self.curves.update(list(self.pictures), moment)
+        self.curves.update(list(self.pictures), moment, felt)
         return True

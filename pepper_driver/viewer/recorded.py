@@ -89,7 +89,7 @@ class RecordedPage(Page):
         self._event_times = [event.time for event in log.events]
         self._set_pairs(pairs)
         self._drawn: float | None = None
-        self._shown: Picture | None = None  # its curves are to be drawn
+        self._shown: tuple[Picture, list[Contact]] | None = None  # its curves are to be drawn
         about = log.metadata
         missing = f"  \n{log.missing}" if log.missing else ""
         self._about = f"**{about.get('backend', path.name)}**, {end - begin:.1f} s{missing}"
@@ -109,7 +109,7 @@ class RecordedPage(Page):
                     self._play.label = "Play  (key P)"
                 self._slider.value = self._moment  # type: ignore[misc]  # the setter stands apart
             self._draw()
-            if self._shown is not None and self.draw_curves(self._shown, now):
+            if self._shown is not None and self.draw_curves(*self._shown, now):
                 self._shown = None
 
     def _toggle(self) -> None:
@@ -157,7 +157,7 @@ class RecordedPage(Page):
         self.pictures.extend(
             moments.picture(r) for r in range(first, last + 1, max(1, (last - first) // 300))
         )
-        self._shown = picture
+        self._shown = picture, felt
         count = bisect_right(self._event_times, self._moment)
         self._events.show(moments.log.events[max(0, count - SHOWN_LINES) : count])
         count = bisect_right(self._pairs, self._moment, key=_onset)

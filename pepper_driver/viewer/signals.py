@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import viser
@@ -35,7 +35,7 @@ SHOWN_LINES = 12
 """Lines of the list of what happened."""
 
 AUTOMATIC = "most touched"
-"""In place of a joint: the one whose residual is nearest to its threshold, or beyond."""
+"""In place of a joint: the one of a contact; without one that whose residual is nearest to its threshold."""
 
 LINE_WIDTH, LINE_ROW, MIN_BAR = 1000, 12, 2.0
 """Units of the time line: its width, the height of a row, the least width of a bar."""
@@ -94,9 +94,9 @@ class Curves:
         for part in (self.choice, self._name, self._residual, self._torque):
             part.visible = visible
 
-    def update(self, pictures: Sequence[Picture], moment: Picture) -> None:
-        """Show some pictures, of a joint that is chosen at a moment."""
-        joint = self._chosen(moment)
+    def update(self, pictures: Sequence[Picture], moment: Picture, felt: Iterable[Contact]) -> None:
+        """Show some pictures, of a joint that is chosen at a moment with its contacts."""
+        joint = self._chosen(moment, felt)
         step = -(-len(pictures) // MAX_POINTS)
         shown = pictures[::step]
         time = np.array([p.time for p in shown])
@@ -111,9 +111,15 @@ class Curves:
         self._residual.data = (time, residual, threshold, -threshold)
         self._torque.data = (time, torque, torque + std, torque - std)
 
-    def _chosen(self, picture: Picture) -> int:
+    def _chosen(self, picture: Picture, felt: Iterable[Contact]) -> int:
         if self.choice.value != AUTOMATIC:
             return self._names.index(self.choice.value)
+        touched = [self._names.index(c.joint) for c in felt if c.joint is not None]
+        if touched:
+            self._since = picture.time
+            if self._joint not in touched:
+                self._joint = touched[-1]
+            return self._joint
         if not self._since <= picture.time < self._since + HOLD_CHOICE:
             share = picture.excess
             best = int(share.argmax())

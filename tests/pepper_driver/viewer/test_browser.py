@@ -34,6 +34,17 @@ from support.browsers import (
 
 TOKEN = "test-token"
 
+STOP_AFTER_SCROLLING = """
+const panel = document.querySelector('.mantine-ScrollArea-viewport');
+panel.scrollTop = panel.scrollHeight;
+if (panel.scrollTop == 0) return 'does not scroll';
+const stop = [...document.querySelectorAll('button')].find(b => b.innerText.startsWith('STOP'));
+const box = stop.getBoundingClientRect();
+const seen = document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2);
+return seen === null ? 'out of sight' : seen.innerText;
+"""
+"""Text that is seen in the middle of the button that stops, after the panel is scrolled down."""
+
 
 @pytest.fixture
 def browser() -> Iterator[Any]:
@@ -56,6 +67,7 @@ def test_the_page_shows_a_robot_and_stops_it(browser: Any) -> None:
             open_live(browser, view, pepper)
             assert "touched: nothing" in text_of(browser)
             assert hosts_asked(browser) <= {"127.0.0.1"}, "it works without internet"
+            wait_until(lambda: browser.execute_script(STOP_AFTER_SCROLLING) == "STOP (key X)")
             click(browser, "STOP")
             wait_until(lambda: pepper.state.value == "fault")
             wait_until(lambda: "stopped in the view" in text_of(browser))
