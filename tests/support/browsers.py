@@ -43,8 +43,8 @@ HIDE_NOTICES = (
 
 
 @contextmanager
-def open_browser() -> Iterator[Any]:
-    """Yield a browser."""
+def open_browser(niceness: int = 19) -> Iterator[Any]:
+    """Yield a browser, which takes no more of the processors than its niceness lets it."""
     webdriver = pytest.importorskip("selenium.webdriver")
     chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if chromium is None or driver is None:
@@ -57,7 +57,7 @@ def open_browser() -> Iterator[Any]:
     browser = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
     # It draws by itself where there is no graphics card, and must not take the processors from the robot.
     for process in psutil.Process(browser.service.process.pid).children(recursive=True):
-        process.nice(19)
+        process.nice(niceness)
     try:
         yield browser
     finally:

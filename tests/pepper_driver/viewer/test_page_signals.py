@@ -83,7 +83,7 @@ def test_the_joint_of_a_contact_is_shown_though_another_has_a_larger_residual(
     after = picture(2.0, **loaded)
     assert shown(curves, after) == pytest.approx(1.2 * degrees), "it stays for a while"
     assert shown(curves, picture(9.0, **loaded)) == pytest.approx(1.5 * degrees)
-    curves.choice.value = "HipRoll"
+    curves.choice.value = "HipRoll"  # type: ignore[misc]  # the setter stands apart
     assert shown(curves, picture(9.1, **loaded), touch) == pytest.approx(1.5 * degrees)
 
 
