@@ -20,7 +20,7 @@ MIN_FORCE = 1.0
 
 
 class Stance(Protocol):
-    """How a simulated robot stands: its :class:`pepper_driver.backends.simulated.Truth`, or what is told of it."""
+    """Stance of a simulated robot: its :class:`pepper_driver.backends.simulated.Truth`, or what is told of it."""
 
     @property
     def position(self) -> FloatArray:

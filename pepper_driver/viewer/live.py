@@ -31,7 +31,7 @@ RECEIVE = 0.05
 
 _RED = 'button[style*="color-red-filled"]'
 STOP_STYLE = (
-    f'<style>div[style*="overflow: hidden"]:has({_RED}) {{overflow: clip !important}} '
+    f'<style>div[style*="overflow: hidden"]:has({_RED}) {{overflow: clip !important; min-width: 0}} '
     f"div:has(> {_RED}) {{position: sticky; top: 0; z-index: 10}}</style>"
 )
 """The button that stops, the only red one, stays in sight as the panel is scrolled; what clips it must not scroll."""

@@ -97,9 +97,9 @@ def test_a_drag_of_the_arm_is_felt_and_logged(browser: Any, tmp_path: Path) -> N
         mouse.perform()
         wait_until(lambda: pepper.contact_history)
         wait_until(lambda: "touched: left_arm" in text_of(browser))
+        keep_picture(browser, "view_drag")
         assert [c.kind for c in pepper.backend.truth.contacts] == ["hand"]
         wait_until(lambda: " N" in text_of(browser))
-        keep_picture(browser, "view_drag")
         ActionChains(browser).release().perform()
         wait_until(lambda: not pepper.backend.truth.contacts)
         pepper.run(0.5)
