@@ -143,12 +143,21 @@ def show_log(
         PepperError: The log cannot be read, or the page not be served.
     """
     check_extra()
+    from pepper_driver.log.reader import begins_as_log
     from pepper_driver.viewer.recorded import RecordedPage
     from pepper_driver.viewer.serving import serve_page
 
     served = serve_page(host=host, port=port, token=check_access(host, token), title=path.name)
+
+    def show() -> None:
+        show_line(console, f"view: {served.address}  (Ctrl-C ends it)")
+        if open_browser:
+            webbrowser.open(served.address)
+
+    early = begins_as_log(path)
+    if early:  # the browser loads the page while the log is read
+        show()
     page = RecordedPage(path, served, pairs=pairs)
-    show_line(console, f"view: {page.address}  (Ctrl-C ends it)")
-    if open_browser:
-        webbrowser.open(page.address)
+    if not early:
+        show()
     page.run()

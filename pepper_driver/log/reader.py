@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pepper_driver.backends.fields import Column
 from pepper_driver.backends.log_file import (
+    LAYOUT,
     TICK_TOPIC,
     UNMATCHED_TOPIC,
     Gap,
@@ -20,6 +21,7 @@ from pepper_driver.backends.log_file import (
     misfit,
     read_log_file,
 )
+from pepper_driver.backends.log_records import find_metadata
 from pepper_driver.config import UnknownNameError, load_robot
 from pepper_driver.config.arguments import as_path, checked_arguments
 from pepper_driver.log.schema import TRUTH_TOPIC, layout_metadata
@@ -36,6 +38,9 @@ from pepper_driver.log.topics import (
 from pepper_driver.observer.interface import Contact
 
 T = TypeVar("T")
+
+BEGIN_SIZE = 2**17
+"""[bytes] In which a log has its layout."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,6 +162,16 @@ def read_log(path: Path | str, *, names: Collection[str] | None = None) -> RunLo
         LogError: The file is missing, no log of this package, or nothing of it is intact.
     """
     return RunLog.of(read_log_file(as_path("path", path), usual_layout(), names=names))
+
+
+def begins_as_log(path: Path) -> bool:
+    """Return True for a file whose begin is that of a log of this version and robot: reading it all takes longer."""
+    try:
+        with path.open("rb") as file:
+            begin = file.read(BEGIN_SIZE)
+    except OSError:
+        return False
+    return find_metadata(begin, (LAYOUT,)).get(LAYOUT) == usual_layout()
 
 
 def usual_layout() -> dict[str, str]:

@@ -56,14 +56,15 @@ class RecordedPage(Page):
         *,
         pairs: Sequence[MatchedPair[Contact]] | None = None,
     ) -> None:
+        robot = load_robot()
+        super().__init__(robot, served)
+        self.status.content = f"reading {path.name}"
         self._path, log = path, read_log(path, names=LOG_FIELDS)
         if not len(log):
             raise PepperError(f"{path}: has no tick")
-        robot = load_robot()
         if log.joint_names != robot.joint_names:
             raise PepperError(f"{path}: is of another robot ('{log.robot}')")
         self._moments = Moments(log)
-        super().__init__(robot, served)
         gui = self.server.gui
         begin, end = float(log["time"][0]), float(log["time"][-1])
         self._begin, self._end = begin, end

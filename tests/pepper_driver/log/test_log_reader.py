@@ -20,6 +20,7 @@ from pepper_driver.backends.log_file import LAYOUT_VERSION
 from pepper_driver.backends.log_records import with_checksum
 from pepper_driver.config import UnknownNameError
 from pepper_driver.log import LogError, LogWriter, RunLog, read_log
+from pepper_driver.log.reader import begins_as_log
 from pepper_driver.log.schema import layout_metadata
 from pepper_driver.log.topics import FORCES
 from pepper_driver.log.writer import McapFile
@@ -301,3 +302,26 @@ def test_row_of_wrong_length_is_refused(tmp_path: Path) -> None:
         writer.add_message(channel, 0, b"\x00\x01\x00\x00" + bytes(8), 0)
         writer.finish()  # type: ignore[no-untyped-call]
     assert "not a row" in message(path)
+
+
+def test_the_begin_of_a_log_is_known(tmp_path: Path) -> None:
+    log_file, other = tmp_path / "run.mcap", tmp_path / "other"
+    Written(log_file, 20)
+    other.write_bytes(log_file.read_bytes()[:200])
+    assert begins_as_log(log_file)
+    assert not begins_as_log(other)
+    assert not begins_as_log(tmp_path / "none")
+    assert not begins_as_log(tmp_path)
+
+
+def test_only_some_fields_are_kept(tmp_path: Path) -> None:
+    log_file = tmp_path / "run.mcap"
+    Written(log_file, 20)
+    whole, part = read_log(log_file), read_log(log_file, names=("time", "position", "base"))
+    assert set(part.fields) == {"time", "position"}
+    np.testing.assert_array_equal(part["position"], whole["position"])
+    assert whole.truth is not None
+    assert part.truth is not None
+    np.testing.assert_array_equal(part.truth["base"], whole.truth["base"])
+    assert part.contacts == whole.contacts
+    assert set(part.elements) == {"position", "truth.position", "truth.base"}
