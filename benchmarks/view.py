@@ -1,10 +1,10 @@
 """The view in a browser: what it costs the robot's program, how smooth it is, and how soon it is there.
 
-A moving robot ticks in real time with controller, observer and log: alone, then with the page, a second client of the
-stream, and a browser at niceness 10, in turn, as often as --rounds says. Of each: ticks missed, and the time of a tick
-without the robot; of the page: rows a second that the client gets, its processor time and memory. Then the time from a
-command to the first picture in a browser: of a robot, three times and once more before them, and of a log (--log, or
-one that is made here and lasts as long as --hours says).
+A moving robot ticks in real time with controller, observer and log: alone; streamed, with the page and a second client
+of the stream; and viewed, with a browser at niceness 10 as well; in turn, as often as --rounds says. Of each: ticks
+missed, and the time of a tick without the robot; of the page: rows a second that the client gets, processor time and
+memory. Then the time from a command to the first picture in a browser: of a robot, three times and once more before
+them, and of a log (--log, or one that is made here and lasts as long as --hours says).
 
 The browser is Debian's Chromium, headless; it draws by software, and takes most of two processors itself.
 
@@ -42,6 +42,7 @@ NICENESS = 10
 TOKEN = "benchmark"
 STEP = 4.0  # [s] of a motion
 STARTS = 3
+KINDS = ("alone", "streamed", "viewed")
 LONG_STEP = 10.0  # [s] between two motions of the long log
 
 
@@ -55,13 +56,13 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="file for the figures")
     arguments = parser.parse_args()
     console = Console()
-    figures: dict[str, Any] = {"alone": [], "viewed": []}
+    figures: dict[str, Any] = {kind: [] for kind in KINDS}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.mcap"
         for _ in range(arguments.rounds):
-            for name in ("alone", "viewed"):
-                figures[name].append(run(arguments.seconds, path, viewed=name == "viewed"))
-                console.print(f"{name}: {figures[name][-1]}")
+            for kind in KINDS:
+                figures[kind].append(run(kind, arguments.seconds, path))
+                console.print(f"{kind}: {figures[kind][-1]}")
         figures["first_picture"] = [first_picture(["view"]) for _ in range(STARTS + 1)][1:]
         console.print(f"first picture: {figures['first_picture']}")
         log = arguments.log
@@ -77,20 +78,20 @@ def main() -> None:
         write_json(arguments.json, figures)
 
 
-def run(seconds: float, log: Path, *, viewed: bool) -> dict[str, Any]:
-    """Return the figures of a robot that moves in real time, alone or with a page, a client and a browser."""
+def run(kind: str, seconds: float, log: Path) -> dict[str, Any]:
+    """Return the figures of a robot that moves in real time, of one of KINDS."""
     pepper = Pepper("mujoco", real_time=True, log=log, reflexes=[Hold()])
     with ExitStack() as stack:
         page: Watched | None = None
-        if viewed:
+        if kind != "alone":
             view = stack.enter_context(View(token=TOKEN))
-            browser = stack.enter_context(open_browser(NICENESS))
             page = stack.enter_context(watched(view))
             view.show(pepper)
+        browser = stack.enter_context(open_browser(NICENESS)) if kind == "viewed" else None
         stack.enter_context(pepper)
         pepper.set_posture({"LShoulderPitch": 0.6, "LElbowRoll": -0.9}, duration=2.0)
         pepper.run(2.0)
-        if viewed:
+        if browser is not None:
             browser.get(view.address)
             wait_until(lambda: "touched:" in text_of(browser))
             pepper.run(5.0)
@@ -196,13 +197,12 @@ def make_log(path: Path, seconds: float) -> None:
 
 def table(figures: dict[str, Any]) -> Table:
     """Return the figures for people."""
-    shown = Table("", "alone", "viewed")
-    alone, viewed = figures["alone"], figures["viewed"]
+    shown = Table("", *KINDS)
 
     def row(title: str, key: str, form: str = "{:.0f}") -> None:
         cells = [
-            ", ".join(form.format(one[key]) for one in runs if key in one) or "-"
-            for runs in (alone, viewed)
+            ", ".join(form.format(one[key]) for one in figures[kind] if key in one) or "-"
+            for kind in KINDS
         ]
         shown.add_row(title, *cells)
 
@@ -210,16 +210,14 @@ def table(figures: dict[str, Any]) -> Table:
     row("missed", "missed")
     row("tick without the robot, median [us]", "tick_us")
     row("its p99 [us]", "tick_p99_us")
-    ratio = statistics.median(one["tick_us"] for one in viewed) / statistics.median(
-        one["tick_us"] for one in alone
-    )
-    shown.add_row("ratio of medians", "1", f"{ratio:.3f}")
+    medians = [statistics.median(one["tick_us"] for one in figures[kind]) for kind in KINDS]
+    shown.add_row("ratio of medians", *(f"{median / medians[0]:.3f}" for median in medians))
     row("rows a second", "rows_per_s", "{:.1f}")
     row("processor time of the page", "page_cpu", "{:.2f}")
     row("memory of the page [MB]", "page_mb")
-    shown.add_row("first picture [s]", "", f"{statistics.median(figures['first_picture']):.2f}")
+    shown.add_row("first picture [s]", "", "", f"{statistics.median(figures['first_picture']):.2f}")
     title = f"first picture of a log of {figures['log']['megabytes']:.0f} MB [s]"
-    shown.add_row(title, "", f"{statistics.median(figures['log']['first_picture']):.2f}")
+    shown.add_row(title, "", "", f"{statistics.median(figures['log']['first_picture']):.2f}")
     return shown
 
 
