@@ -64,7 +64,7 @@ def run_metadata(
     }
     if info.parents:
         metadata["parents"] = _text([asdict(parent) for parent in info.parents])
-    if "push" in info.capabilities:
+    if "truth" in info.capabilities:
         plant = backend.plant
         known = {"stiffness": plant.stiffness.tolist(), "friction": plant.friction.tolist()}
         metadata["plant"] = _text(known)

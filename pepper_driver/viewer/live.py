@@ -18,6 +18,7 @@ from pepper_driver.log.topics import CONTACTS, EVENTS
 from pepper_driver.observer import Contact
 from pepper_driver.telemetry import Kind, TelemetryClient, TelemetryError
 from pepper_driver.telemetry.protocol import Message
+from pepper_driver.viewer import NO_OBSERVER
 from pepper_driver.viewer.page import Page
 from pepper_driver.viewer.picture import Picture, RowDecoder
 from pepper_driver.viewer.serving import ServedPage
@@ -63,9 +64,6 @@ DRIVE_KEYS: Mapping[
 POSTURE_TIME = 2.0
 """[s] for the way to a posture."""
 
-
-NOT_OBSERVED = "none"
-"""Name of the observer of a run without one, as in a log."""
 
 UNOBSERVED = "This run has no observer: residuals, torques and contacts are not known."
 UNKNOWN = "Residuals, torques and contacts are not known here: no observer runs in the program that serves the robot."
@@ -173,7 +171,7 @@ class LivePage(Page):
         self.scene.clear()
         self._stop.disabled = not self._can["stop"]
         self._stop.visible = self._can["stop"]
-        self._observed = self._run.get("observer", NOT_OBSERVED) != NOT_OBSERVED
+        self._observed = self._run.get("observer", NO_OBSERVER) != NO_OBSERVER
         self._unobserved.content = UNOBSERVED if "observer" in self._run else UNKNOWN
         self._unobserved.visible = not self._observed
         self.curves.show(self._observed)
