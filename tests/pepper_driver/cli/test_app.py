@@ -202,7 +202,7 @@ def test_bench_of_whole_ticks(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert run(["bench", "--tick", "--seconds", "2", "--json", str(path)]) == 0
     assert "all but backend" in capsys.readouterr().out
     ticks = json.loads(path.read_text())["ticks"]
-    assert ticks["ticks"] == 200
+    assert ticks["ticks"] >= 200  # the loop thread ticks on around the run
     assert 0 < ticks["tick"]["median"] <= ticks["tick"]["p99"] <= ticks["tick"]["max"]
     assert ticks["stages"]["observer"]["median"] > 0
     assert ticks["stages"]["log"]["median"] > 0
