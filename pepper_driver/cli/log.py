@@ -18,6 +18,25 @@ from pepper_driver.log.plots import plot_contacts
 from pepper_driver.log.repair import repair_log
 from pepper_driver.log.summary import LogSummary, summarise
 
+StartOption = Annotated[
+    float | None,
+    typer.Option(
+        "--from",
+        metavar="SECONDS",
+        help="Begin, on the clock of the robot; by default the first tick.",
+        callback=finite,
+    ),
+]
+StopOption = Annotated[
+    float | None,
+    typer.Option(
+        "--to",
+        metavar="SECONDS",
+        help="End, on the clock of the robot; by default the last tick.",
+        callback=finite,
+    ),
+]
+
 
 def plot(
     log: LogArgument,
@@ -35,24 +54,8 @@ def plot(
             metavar="FILE", help="PNG, SVG or PDF by its ending; by default LOG's name with .png."
         ),
     ] = None,
-    start: Annotated[
-        float | None,
-        typer.Option(
-            "--from",
-            metavar="SECONDS",
-            help="Begin, on the clock of the robot; by default the first tick.",
-            callback=finite,
-        ),
-    ] = None,
-    stop: Annotated[
-        float | None,
-        typer.Option(
-            "--to",
-            metavar="SECONDS",
-            help="End, on the clock of the robot; by default the last tick.",
-            callback=finite,
-        ),
-    ] = None,
+    start: StartOption = None,
+    stop: StopOption = None,
 ) -> None:
     """Draw trajectories, tracking errors with their prediction, residuals with thresholds, contacts and reflexes."""
     out = out or log.with_suffix(".png")

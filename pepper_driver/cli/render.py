@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from pepper_driver.cli.console import finite, make_console, make_progress
-from pepper_driver.cli.log import LogArgument
+from pepper_driver.cli.log import LogArgument, StartOption, StopOption
 from pepper_driver.config.errors import ArgumentError
 from pepper_driver.log import read_log
 from pepper_driver.rendering import Format, View
@@ -46,24 +46,8 @@ def render(
         Format | None,
         typer.Option("--format", help="By default the ending of FILE, or mp4."),
     ] = None,
-    start: Annotated[
-        float | None,
-        typer.Option(
-            "--from",
-            metavar="SECONDS",
-            help="Begin, on the clock of the robot; by default the first tick.",
-            callback=finite,
-        ),
-    ] = None,
-    stop: Annotated[
-        float | None,
-        typer.Option(
-            "--to",
-            metavar="SECONDS",
-            help="End, on the clock of the robot; by default the last tick.",
-            callback=finite,
-        ),
-    ] = None,
+    start: StartOption = None,
+    stop: StopOption = None,
     at: Annotated[
         float | None,
         typer.Option(
