@@ -33,7 +33,7 @@ RED, VIOLET = "#CC0000", "#5B2C83"
 GREY, SHADE, GRID = "#7F7F7F", "#E2E2E2", "#EEEEEE"
 
 Style = Mapping[str, Any]
-"""How a line is drawn, with its label."""
+"""Properties of a line, with its label."""
 MEASURED: Style = {"color": BLACK, "linewidth": 1.2, "label": "measured"}
 COMMANDED: Style = {
     "color": GREEN,

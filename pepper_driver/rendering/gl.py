@@ -16,7 +16,7 @@ VARIABLE = "MUJOCO_GL"
 """Environment variable with which MuJoCo is told what to draw with."""
 
 OFF_SCREEN = ("egl", "osmesa")
-"""What is tried where the variable is not set: the first uses a graphics processor where there is one."""
+"""Tried in this order where the variable is not set: the first uses a graphics processor where there is one."""
 
 KNOWN = ("cgl", "egl", "enable", "enabled", "glfw", "glx", "on", "osmesa", "true", "wgl", "1")
 """Values of the variable with which MuJoCo draws."""

@@ -51,7 +51,7 @@ CURSOR_WIDTH = 2
 """Pixels."""
 
 FADE = 0.6
-"""How far what comes later is faded to white."""
+"""Fraction by which later parts are faded to white."""
 
 MIN_SPAN, NAME_ROOM = 1.0, 0.15
 """Least height of a panel [deg] or [%], and room above and below for names, as a fraction of it."""

@@ -65,7 +65,8 @@ OnRequest = Callable[[int, Request], object]
 
 class _Entry(NamedTuple):
     record: TickRecord | None  # whose contacts and events are sent
-    row: TickRow | None
+    row: TickRow | None  # that no loop has made
+    shown: bool  # with a picture, not only with its events
     base: FloatArray | None = None
     tilt: FloatArray | None = None
     forces: tuple[TrueContact, ...] = ()
@@ -173,7 +174,7 @@ class TelemetryServer:
         if self._count % STRIDE == 0:
             self._ring.append(run.entry(record))
         elif record.events or (observation is not None and observation.contacts):
-            self._ring.append(_Entry(record, None))
+            self._ring.append(_Entry(record, None, shown=False))
 
     def show(
         self,
@@ -192,7 +193,7 @@ class TelemetryServer:
             forces: Contacts that a simulation knows.
         """
         if self._run is not None:
-            self._ring.append(_Entry(None, row, base, tilt, forces))
+            self._ring.append(_Entry(None, row, True, base, tilt, forces))
 
     def log_event(self, event: LogEvent) -> None:
         """Send what happened outside any tick."""
@@ -235,13 +236,13 @@ class TelemetryServer:
         newest: _Entry | None = None
         while self._ring:
             entry = self._ring.popleft()
-            newest = entry if entry.row is not None else newest
+            newest = entry if entry.shown else newest
             if entry.record is not None:
                 self._send(run.events_of(entry.record))
         while run.events:
             self._send(pack(Kind.EVENT, EVENTS.encode(run.events.popleft())))
-        if newest is not None and newest.row is not None and self._listeners:
-            self._send(run.picture(newest.row, newest), least=True)
+        if newest is not None and self._listeners:
+            self._send(run.picture(newest), least=True)
 
     def _send(self, data: bytes, *, least: bool = False) -> None:
         """Send to all; what matters ``least`` not to those with a backlog."""
@@ -364,20 +365,10 @@ class _Run:
 
     def entry(self, record: TickRecord) -> _Entry:
         """Return a tick with the pose of the base, and the forces that a simulation knows."""
-        tick, observation, truth = record.tick, record.observation, self._truth
-        row = TickRow(
-            tick.measurement,
-            tick.reference,
-            tick.sent,
-            tick.limited,
-            self._unobserved if observation is None else observation,
-            0,
-            record.tick_end,
-            record.missed,
-        )
+        truth = self._truth
         if truth is None:
-            return _Entry(record, row, base=record.base_pose)
-        return _Entry(record, row, base=truth.base, tilt=truth.tilt, forces=truth.contacts)
+            return _Entry(record, None, True, record.base_pose)
+        return _Entry(record, None, True, truth.base, truth.tilt, truth.contacts)
 
     def events_of(self, record: TickRecord) -> bytes:
         """Return contacts and events of a tick."""
@@ -389,8 +380,23 @@ class _Run:
             ]
         )
 
-    def picture(self, row: TickRow, entry: _Entry) -> bytes:
-        """Return row and pose of an entry."""
+    def _row(self, record: TickRecord) -> TickRow:
+        tick, observation = record.tick, record.observation
+        return TickRow(
+            tick.measurement,
+            tick.reference,
+            tick.sent,
+            tick.limited,
+            self._unobserved if observation is None else observation,
+            0,
+            record.tick_end,
+            record.missed,
+        )
+
+    def picture(self, entry: _Entry) -> bytes:
+        """Return row and pose of an entry that is shown."""
+        row = entry.row if entry.record is None else self._row(entry.record)
+        assert row is not None
         forces = [
             {"link": c.link, "point": c.point.tolist(), "force": c.force.tolist()}
             for c in entry.forces
