@@ -28,6 +28,7 @@ from pepper_driver.config.plant_parts import (
     Flexibility,
     Heat,
     Physics,
+    Targets,
     Transport,
     WheelDrive,
 )
@@ -62,6 +63,7 @@ class PlantConfig:
     base: Literal["fixed", "rolling"]
     physics: Physics
     board: Board
+    targets: Targets
     transport: Transport
     battery: Battery
     heat: Heat
@@ -169,6 +171,7 @@ def _check(plant: PlantConfig, robot: RobotConfig, source: str) -> None:
     """Check what spans fields: joints complete, steps whole, gaps narrower than the joint's range."""
     for key, names, known in (
         ("board.brakes", plant.board.brakes, robot.joint_names),
+        ("targets.fast_joints", plant.targets.fast_joints, robot.joint_names),
         ("flexibilities", [f.joint for f in plant.flexibilities], robot.joint_names),
         ("heat.rise", plant.heat.rise, robot.motors.types),
         ("body.masses", plant.body.masses, robot.links),
@@ -186,6 +189,8 @@ def _check(plant: PlantConfig, robot: RobotConfig, source: str) -> None:
             raise ConfigError(
                 f"{source}: key 'flexibilities.{number}.axis': the axis has no length"
             )
+    if plant.targets.stray[0] > plant.targets.stray[1]:
+        raise ConfigError(f"{source}: key 'targets.stray': the largest size is below the smallest")
     if plant.battery.empty_voltage >= plant.battery.full_voltage:
         raise ConfigError(
             f"{source}: key 'battery.empty_voltage': not below 'battery.full_voltage'"

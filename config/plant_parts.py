@@ -33,8 +33,7 @@ class Board:
     ``voltage`` [V] of the supply at which the gains hold: the board sets a duty cycle, so a fuller battery makes it
     stiffer. ``derivative_time`` [s] is the time constant of the low-pass on the derivative of the error;
     ``integral_limit`` [V] bounds the integral part, which stands still at errors below ``integral_band`` [rad];
-    ``speed_limit`` [rad/s] bounds how fast the board lets its own target run (null: not at all); ``brakes`` names the
-    joints that hold when their stiffness is 0.
+    ``brakes`` names the joints that hold when their stiffness is 0.
     """
 
     voltage: Positive
@@ -42,9 +41,24 @@ class Board:
     derivative_time: Positive
     integral_limit: Positive
     integral_band: NonNegative
-    # In recordings no joint runs faster than 2 rad/s (plant `plateau`).
-    speed_limit: Positive | None
     brakes: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Targets:
+    """Way of a command to the boards: their targets may run after it slowly, and be off from it at rest.
+
+    ``speed_limit`` [rad/s] bounds how fast a target runs (null: not at all). A chase lasts from when the first target
+    falls behind its command until none is; with probability ``fast_chases`` the targets of ``fast_joints`` run twice as
+    fast in it. ``wander_time`` [s] is the time constant with which targets wander (:attr:`Actuator.wander`);
+    ``stray`` [rad] are the smallest and the largest size of a stray (:attr:`Actuator.strays`).
+    """
+
+    speed_limit: Positive | None
+    fast_chases: Probability
+    fast_joints: tuple[str, ...]
+    wander_time: Positive
+    stray: tuple[NonNegative, NonNegative]
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -52,7 +66,8 @@ class Transport:
     """Delays between the physics and the reader, in ticks, and noise as standard deviations.
 
     A command acts ``command_delay`` ticks late, a sample arrives ``encoder_delay`` ticks late. With probability
-    ``late`` a sample is later still: the one before is read again, up to ``longest_late`` ticks in a row.
+    ``late`` a sample is later still: the one before is read again, up to ``longest_late`` ticks in a row. With
+    probability ``lost`` a joint's board brings none: the position before is read as if it were new.
     ``encoder_noise`` [rad], ``current_noise`` [A]; ``current_time`` [s] is the time constant of the current's low-pass.
     """
 
@@ -60,6 +75,7 @@ class Transport:
     encoder_delay: Ticks
     late: Probability
     longest_late: Ticks
+    lost: Probability
     encoder_noise: NonNegative
     current_noise: NonNegative
     current_time: Positive
@@ -197,7 +213,9 @@ class Actuator:
     """Drive of one or several joints, seen at the joint unless said otherwise.
 
     ``kp`` [V/rad], ``ki`` [V/(rad s)], ``kd`` [V s/rad] board gains; the board takes an error within ``dead_band``
-    [rad] for none; ``current_limit`` [A] at stiffness 1; ``half_gap`` [rad] half the backlash;
+    [rad] for none; ``current_limit`` [A] at stiffness 1; ``wander`` [rad] is the standard deviation by which its target
+    wanders, ``strays`` the fraction of rests at which it strays from the command; ``efficiency`` is the fraction of the
+    motor's torque that reaches the joint; ``half_gap`` [rad] half the backlash;
     ``gear_stiffness`` [N m/rad] and ``gear_damping`` [N m s/rad] of teeth in contact; ``motor_damping``
     [N m s/rad] at the shaft. ``origin`` says where each value comes from.
     """
@@ -211,6 +229,11 @@ class Actuator:
     dead_band: NonNegative
     # The stiffness of a command scales it: at stiffness 0 the motor turns freely.
     current_limit: Positive
+    # In recordings currents creep at rest, and some rests are degrees off without a current that works against it.
+    wander: NonNegative
+    strays: Probability
+    # In recordings gravity takes twice the current that torque constant and masses say.
+    efficiency: Annotated[float, Field(gt=0, le=1)]
     # Eq. 5 to 8: the teeth are a spring and damper outside this gap, and have no effect inside.
     half_gap: NonNegative
     gear_stiffness: Positive

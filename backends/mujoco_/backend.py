@@ -270,7 +270,7 @@ class MujocoBackend(Serial, Backend):
 
     def _begin(self) -> Measurement:
         """Start simulation, sensors and noise."""
-        self._simulation.reset(self._start)
+        self._simulation.reset(self._start, self._seed)
         self._commands.reset(self._start)
         self._write(self._start, np.zeros(len(self._start)), np.zeros(3))
         return self._readings.begin(self._seed)

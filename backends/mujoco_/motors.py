@@ -377,7 +377,7 @@ class MotorBoards(Resumable):
         boards: Constants and state of each.
         current: Motor current of the last update [A], signed.
         saturated: Whether a bound was met since :meth:`begin_cycle`.
-        stiffness: K = kp N Kt / R [N m/rad] at the reference temperature and voltage.
+        stiffness: K = kp N Kt / R [N m/rad], of the torque that reaches the joint, at the reference temperature and voltage.
         torque_limit: Torque that the motor board can hold [N m], in the same order.
     """
 
@@ -412,9 +412,10 @@ class MotorBoards(Resumable):
             count=count,
             counts_per_radian=1.0 / count,
         )
-        self.stiffness = kp * torque_constant / resistance
+        reaching = plant.per_joint("efficiency", robot) * torque_constant
+        self.stiffness = kp * reaching / resistance
         held = np.minimum(self._current_limit, board.voltage / resistance)
-        self.torque_limit = torque_constant * held
+        self.torque_limit = reaching * held
         self._voltage, self.current = np.empty(n), np.zeros(n)
         self.saturated = np.zeros(n, dtype=np.bool_)
         self._begin, self._update = begin_board_cycle.load(), update_boards.load()

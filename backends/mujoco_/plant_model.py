@@ -104,8 +104,9 @@ def add_drive(spec: mujoco.MjSpec, name: str, robot: RobotConfig, plant: PlantCo
     constant, resistance = motor.torque_constant, motor.resistance
     drive.gaintype = mujoco.mjtGain.mjGAIN_FIXED
     drive.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-    drive.gainprm[0] = constant / resistance
-    drive.biasprm[2] = -(constant**2) / resistance  # Ke = Kt in SI units
+    gain = a.efficiency * constant / resistance
+    drive.gainprm[0] = gain
+    drive.biasprm[2] = -gain * constant  # Ke = Kt in SI units
     drive.gear[0] = ratio
     drive.armature = motor.rotor_inertia  # MuJoCo reflects it through the gear
     drive.damping[0] = a.motor_damping

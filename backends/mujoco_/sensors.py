@@ -221,7 +221,7 @@ def count_currents(
 
 
 class Encoders(Resumable):
-    """Joint encoders: noise, 12-bit counts, a delay of whole cycles, and samples that come late.
+    """Joint encoders: noise, 12-bit counts, a delay of whole cycles, samples that come late and samples that are lost.
 
     Attributes:
         age: How many cycles the last reading is older than the delay that is always there.
@@ -235,6 +235,7 @@ class Encoders(Resumable):
         self._noise = transport.encoder_noise
         self._late = transport.late if transport.longest_late else 0.0
         self._longest_late = transport.longest_late
+        self._lost = transport.lost
         self._rng = rng
         self._count_positions = count_positions.load()
         self._delayed: deque[FloatArray] = deque(maxlen=transport.encoder_delay + 1)
@@ -249,7 +250,11 @@ class Encoders(Resumable):
 
     def read(self, position: FloatArray) -> FloatArray:
         """One cycle later: sample ``position`` (17,) [rad], return the sample that arrives now."""
-        self._delayed.append(self._count(position))
+        sample = self._count(position)
+        if self._lost:
+            lost = self._rng.random(len(sample)) < self._lost
+            sample = np.where(lost, self._delayed[-1], sample)
+        self._delayed.append(sample)
         if self._late and self.age < self._longest_late and self._rng.random() < self._late:
             self.age += 1
         else:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, ClassVar
 
 import mujoco
@@ -13,12 +12,12 @@ from pepper_driver.backends.mujoco_.contacts import Contacts
 from pepper_driver.backends.mujoco_.motors import JointFriction, MotorBoards, Supply, ThermalState
 from pepper_driver.backends.mujoco_.plant_model import FALLEN, ArrayView, build_model
 from pepper_driver.backends.mujoco_.sensors import CurrentSensors, Encoders, InertialUnit
+from pepper_driver.backends.mujoco_.targets import BoardTargets
 from pepper_driver.backends.mujoco_.wheels import WheelDynamics
 from pepper_driver.backends.simulated import Resumable, TrueContact, Truth
 from pepper_driver.config import PlantConfig, RobotConfig, World
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.errors import check_name
-from pepper_driver.config.kernels import Out, kernel
 
 LYING = 0.05
 """[rad] Before the tilt at which the base lies, where it still rocks."""
@@ -113,53 +112,17 @@ class MujocoTruth(Truth):
         return pose
 
 
-@kernel
-def plan_cycle(
-    position: FloatArray,
-    stiffness: FloatArray,
-    brakes: BoolArray,
-    reach: float,
-    steps: int,
-    target: Out[FloatArray],
-    braked_at: Out[FloatArray],
-    held: Out[FloatArray],
-    share: Out[FloatArray],
-) -> None:
-    """Plan how the boards' targets run over the steps of a cycle.
-
-    Args:
-        position: (n,) command [rad].
-        stiffness: (n,) 0..1.
-        brakes: (n,) joints with a brake.
-        reach: Furthest way of a target in a cycle [rad].
-        steps: Of physics in a cycle.
-        target: (n,) at the beginning; on return at the end of the cycle [rad].
-        braked_at: (n,) where a brake holds [rad].
-        held: (n,) stiffness of the boards: a closed brake holds like a board at full stiffness.
-        share: (n,) way of the target in each step [rad].
-    """
-    for j in range(len(position)):
-        goal, held[j] = position[j], stiffness[j]
-        # A brake holds where it closed; it stays until the stiffness returns.
-        if brakes[j] and stiffness[j] <= 0.0:
-            goal, held[j] = braked_at[j], 1.0
-        braked_at[j] = goal
-        way = min(max(goal - target[j], -reach), reach)
-        share[j] = way / steps
-        target[j] += way
-
-
 class Simulation(Resumable):
     """A simulated robot, without the transport between it and its reader.
 
     Attributes:
         model: The compiled model.
         data: MuJoCo's state.
-        boards, wheels, supply, contacts: The parts, for those who read them.
+        boards, targets, wheels, supply, contacts: The parts, for those who read them.
         current: (17,) |mean motor current| of the last cycle [A].
     """
 
-    STATE = ("current", "_target", "_braked_at")
+    STATE = ("current",)
 
     def __init__(self, robot: RobotConfig, plant: PlantConfig, world: World | None = None) -> None:
         self.model = build_model(robot, plant, world)
@@ -171,19 +134,15 @@ class Simulation(Resumable):
         self.contacts = Contacts(robot, self.model, self.data, self.wheels, world)
         self._friction = JointFriction(robot, plant, self.model, self.data)
         self._steps = round(robot.cycle / plant.physics.timestep)
-        limit = plant.board.speed_limit
-        self._reach = math.inf if limit is None else limit * robot.cycle
-        self._brakes = np.array([name in plant.board.brakes for name in robot.joint_names])
+        self.targets = BoardTargets(robot, plant, self._steps)
         self._resistance = np.array([robot.motors.of(n).resistance for n in robot.joint_names])
         self._constant = np.array([robot.motors.of(n).torque_constant for n in robot.joint_names])
+        self._efficiency = plant.per_joint("efficiency", robot)
         n = len(robot.joint_names)
         self._link_angle = ArrayView(self.data.qpos, self.model.link_qpos)
         self._motor_speed = ArrayView(self.data.qvel, self.model.motor_dof)
         self._voltage = ArrayView(self.data.ctrl, self.model.actuator)
         self.current = np.zeros(n)
-        self._target, self._braked_at = np.zeros(n), np.zeros(n)
-        self._now, self._held, self._share = np.zeros(n), np.zeros(n), np.zeros(n)
-        self._plan = plan_cycle.load()
         self._warmth: ThermalState | None = None
 
     @property
@@ -192,8 +151,8 @@ class Simulation(Resumable):
         position: FloatArray = self.data.qpos.take(self.model.link_qpos)
         return position
 
-    def reset(self, posture: FloatArray) -> None:
-        """Stand still in ``posture`` (17,) [rad], motors off, brakes on.
+    def reset(self, posture: FloatArray, seed: int = 0) -> None:
+        """Stand still in ``posture`` (17,) [rad], motors off, brakes on; ``seed`` is that of what the boards do by chance.
 
         Raises:
             ConfigError: An object of the world collides with the robot.
@@ -207,7 +166,7 @@ class Simulation(Resumable):
         self.wheels.reset()
         self.contacts.reset()
         self.current = np.zeros_like(posture)
-        self._target, self._braked_at = posture.copy(), posture.copy()
+        self.targets.reset(posture, seed)
         mujoco.mj_forward(model.mj, data)
         self.contacts.check_clearance()
 
@@ -226,23 +185,12 @@ class Simulation(Resumable):
             wheel_speed: (3,) [rad/s].
             wheel_stiffness: (3,) 0..1, fraction of its torque that each wheel's drive may use.
         """
-        boards, supply = self.boards, self.supply
-        now, held, share = self._now, self._held, self._share
-        np.copyto(now, self._target)
-        self._plan(
-            position,
-            stiffness,
-            self._brakes,
-            self._reach,
-            self._steps,
-            self._target,
-            self._braked_at,
-            held,
-            share,
-        )
+        boards, supply, targets = self.boards, self.supply, self.targets
+        targets.plan(position, stiffness)
+        now, share = targets.now, targets.share
         if supply.warmth is not self._warmth:
             self._warm(supply.warmth)
-        boards.begin_cycle(held, supply.voltage)
+        boards.begin_cycle(targets.held, supply.voltage)
         self.wheels.begin_cycle(wheel_speed, wheel_stiffness)
         self.contacts.begin_cycle()
         link_angle, motor_speed, output = self._link_angle, self._motor_speed, self._voltage
@@ -283,6 +231,7 @@ class Simulation(Resumable):
     def _parts(self) -> dict[str, Resumable]:
         return {
             "boards": self.boards,
+            "targets": self.targets,
             "wheels": self.wheels,
             "supply": self.supply,
             "contacts": self.contacts,
@@ -292,7 +241,7 @@ class Simulation(Resumable):
         """Torque constant and resistance of each motor, and friction, at its temperature."""
         mj, actuator = self.model.mj, self.model.actuator
         constant = self._constant * warmth.magnet
-        gain = constant / (self._resistance * warmth.copper)
+        gain = self._efficiency * constant / (self._resistance * warmth.copper)
         mj.actuator_gainprm[actuator, 0] = gain
         mj.actuator_biasprm[actuator, 2] = -gain * constant
         self._friction.warm(warmth.grease)

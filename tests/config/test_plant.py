@@ -205,7 +205,7 @@ def test_the_hash_follows_every_parameter() -> None:
         count += 1
     for path, value in (
         (("base",), "fixed" if nominal()["base"] == "rolling" else "rolling"),
-        (("board", "speed_limit"), 1.25),
+        (("targets", "speed_limit"), 1.25),
         (("board", "brakes"), []),
         (("body", "masses"), {"Head": 1.1}),
         (("body", "coms"), {"Head": [0.0, 0.0, 0.1]}),

@@ -127,7 +127,7 @@ def test_every_shipped_plant_stands_still(name: str) -> None:
 @pytest.mark.parametrize("speed", [0.4, 1.0])
 def test_a_board_with_a_speed_limit_runs_at_it(speed: float) -> None:
     plant = plain()
-    limited = replace(plant, board=replace(plant.board, speed_limit=speed))
+    limited = replace(plant, targets=replace(plant.targets, speed_limit=speed))
     simulation = standing(limited, settle=20)
     target = STAND.copy()
     target[INDEX] += 1.2
@@ -149,7 +149,7 @@ def test_a_speed_limit_leaves_slower_commands_alone() -> None:
     plant = plain()
     runs = []
     for limit in (None, 50.0):
-        simulation = standing(replace(plant, board=replace(plant.board, speed_limit=limit)))
+        simulation = standing(replace(plant, targets=replace(plant.targets, speed_limit=limit)))
         runs.append(trace(simulation, 0, 60))
     assert runs[0] == runs[1]
 

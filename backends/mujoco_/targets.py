@@ -1,0 +1,215 @@
+"""Targets of the motor boards: what becomes of a command before a board follows it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pepper_driver.backends.simulated import Resumable
+from pepper_driver.config import PlantConfig, RobotConfig
+from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.kernels import Out, Records, kernel, make_records
+
+REST_TIME = 0.1
+"""[s] A target that has not moved for so long rests. A stray then comes within as long, and goes when it moves on."""
+
+TARGET_STREAM = 2
+"""Of the random sequences of a seed: the sensors have the ones before."""
+
+
+class Target:
+    """Target of one board: what it is, and its state.
+
+    ``reach`` is the furthest way in a cycle [rad], twice that in a fast chase where it is ``fast`` (1.0); ``position``
+    runs after the command [rad]; ``braked_at`` is where a brake holds [rad]. What a board is off from it [rad] is
+    ``wandered`` and ``stray``, which heads for ``drawn`` while it rests. ``still`` counts the cycles since it moved.
+    """
+
+    brake: float
+    fast: float
+    wander: float
+    strays: float
+    position: float
+    braked_at: float
+    wandered: float
+    stray: float
+    drawn: float
+    still: float
+
+
+@kernel
+def plan_cycle(
+    targets: Out[Records[Target]],
+    position: FloatArray,
+    stiffness: FloatArray,
+    reach: float,
+    reach_fast: float,
+    steps: int,
+    now: Out[FloatArray],
+    held: Out[FloatArray],
+    share: Out[FloatArray],
+) -> bool:
+    """Plan how the boards' targets run over the steps of a cycle; return True if one falls behind its command.
+
+    Args:
+        targets: Of the boards.
+        position: (n,) command [rad].
+        stiffness: (n,) 0..1.
+        reach: Furthest way of a target in a cycle [rad].
+        reach_fast: The same of one that takes part in fast chases [rad].
+        steps: Of physics in a cycle.
+        now: (n,) what the boards follow at the beginning [rad].
+        held: (n,) stiffness of the boards: a closed brake holds like a board at full stiffness.
+        share: (n,) way of what they follow in each step [rad].
+    """
+    behind = False
+    for j in range(len(position)):
+        target = targets[j]
+        goal, held[j] = position[j], stiffness[j]
+        # A brake holds where it closed; it stays until the stiffness returns.
+        if target.brake != 0.0 and stiffness[j] <= 0.0:
+            goal, held[j] = target.braked_at, 1.0
+        target.braked_at = goal
+        limit = reach_fast if target.fast != 0.0 else reach
+        way = min(max(goal - target.position, -limit), limit)
+        behind = behind or abs(goal - target.position) > limit
+        now[j] = target.position + (target.wandered + target.stray)
+        share[j] = way / steps
+        target.position += way
+        target.still = target.still + 1.0 if way == 0.0 else 0.0
+    return behind
+
+
+@kernel
+def let_stray(
+    targets: Out[Records[Target]],
+    rest_cycles: float,
+    memory: float,
+    lowest: float,
+    highest: float,
+    normal: FloatArray,
+    chance: FloatArray,
+    place: FloatArray,
+    steps: int,
+    share: Out[FloatArray],
+) -> None:
+    """Move what the boards follow off their targets; called after :func:`plan_cycle`.
+
+    Args:
+        targets: Of the boards.
+        rest_cycles: Cycles after which a target rests.
+        memory: Fraction of what has wandered that is left after a cycle.
+        lowest: Size of a stray at least [rad].
+        highest: And at most.
+        normal: (n,) normal noise.
+        chance: (n,) even noise, 0..1.
+        place: (n,) the same.
+        steps: Of physics in a cycle.
+        share: (n,) way in each step [rad], to be added to.
+    """
+    for j in range(len(targets)):
+        target = targets[j]
+        before = target.wandered + target.stray
+        spread = math.sqrt(1.0 - memory * memory) * target.wander
+        target.wandered = memory * target.wandered + spread * normal[j]
+        if target.still == rest_cycles:
+            target.drawn = 0.0
+            if chance[j] < target.strays:
+                # The upper half of the range lies beyond the goal, the lower half short of it.
+                side = 2.0 * place[j] - 1.0
+                target.drawn = math.copysign(lowest + (highest - lowest) * abs(side), side)
+        elif target.still == 0.0:
+            target.drawn = 0.0
+        step = (highest if highest > 0.0 else 1.0) / rest_cycles
+        target.stray += min(max(target.drawn - target.stray, -step), step)
+        share[j] += (target.wandered + target.stray - before) / steps
+
+
+class BoardTargets(Resumable):
+    """Brakes, limiter, wander and strays of the 17 boards; arrays are (17,), in joint order.
+
+    Recordings of a real Pepper show joints that run at 2 rad/s while they are told more, twice as fast in some chases;
+    currents that creep while the joint stands; and rests degrees off the goal that no current works against. All three
+    read as a board that follows something else than it was told. See :class:`~..config.plant_parts.Targets`.
+
+    Attributes:
+        now: What the boards follow at the beginning of the cycle [rad].
+        share: Its way in each step of the cycle [rad].
+        held: Stiffness of the boards in the cycle.
+    """
+
+    STATE = ("_targets", "_chasing", "_fast", "_rng")
+
+    def __init__(self, robot: RobotConfig, plant: PlantConfig, steps: int) -> None:
+        names, settings = robot.joint_names, plant.targets
+        n = len(names)
+        self._steps = steps
+        limit = settings.speed_limit
+        self._reach = math.inf if limit is None else limit * robot.cycle
+        self._fast_chases = settings.fast_chases
+        self._rest_cycles = float(round(REST_TIME / robot.cycle))
+        self._memory = math.exp(-robot.cycle / settings.wander_time)
+        self._stray_sizes = settings.stray
+        self._targets = make_records(
+            Target,
+            n,
+            brake=np.array([float(name in plant.board.brakes) for name in names]),
+            fast=np.array([float(name in settings.fast_joints) for name in names]),
+            wander=plant.per_joint("wander", robot),
+            strays=plant.per_joint("strays", robot),
+        )
+        self._straying = bool(self._targets["wander"].any() or self._targets["strays"].any())
+        self.now, self.share, self.held = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._plan, self._let_stray = plan_cycle.load(), let_stray.load()
+        self.reset(np.zeros(n), 0)
+
+    @property
+    def position(self) -> FloatArray:
+        """Where the targets are, without what the boards are off from them [rad]."""
+        position: FloatArray = self._targets["position"].copy()
+        return position
+
+    def reset(self, posture: FloatArray, seed: int) -> None:
+        """Be at rest at ``posture`` [rad], with the random sequence of a seed to come."""
+        sequence = np.random.SeedSequence(seed, spawn_key=(TARGET_STREAM,))
+        self._rng = np.random.Generator(np.random.PCG64(sequence))
+        for name in ("wandered", "stray", "drawn"):
+            self._targets[name] = 0.0
+        self._targets["position"] = self._targets["braked_at"] = posture
+        # As if it had rested for long: no stray is drawn before it has moved.
+        self._targets["still"] = self._rest_cycles + 1.0
+        self._chasing = self._fast = False
+
+    def plan(self, position: FloatArray, stiffness: FloatArray) -> None:
+        """Plan the next cycle towards a command: ``position`` [rad], ``stiffness`` 0..1."""
+        reach_fast = 2.0 * self._reach if self._fast else self._reach
+        behind = self._plan(
+            self._targets,
+            position,
+            stiffness,
+            self._reach,
+            reach_fast,
+            self._steps,
+            self.now,
+            self.held,
+            self.share,
+        )
+        if behind and not self._chasing:
+            # One draw for the robot: in recordings joints are fast together.
+            self._fast = bool(self._fast_chases) and self._rng.random() < self._fast_chases
+        self._chasing = behind
+        if self._straying:
+            n = len(position)
+            normal, even = self._rng.standard_normal(n), self._rng.random((2, n))
+            self._let_stray(
+                self._targets,
+                self._rest_cycles,
+                self._memory,
+                *self._stray_sizes,
+                normal,
+                even[0],
+                even[1],
+                self._steps,
+                self.share,
+            )
