@@ -43,6 +43,9 @@ if TYPE_CHECKING:
     from pepper_driver.config.network import Network, load_network, network_names
     from pepper_driver.config.recordings import (
         Calibration,
+        ChaseFigures,
+        ChaseProtocol,
+        FalseContacts,
         HoldStatistics,
         RampProtocol,
         ReferenceData,
@@ -55,11 +58,14 @@ if TYPE_CHECKING:
 __all__ = [
     "Calibration",
     "Capsule",
+    "ChaseFigures",
+    "ChaseProtocol",
     "ConfigError",
     "ConstraintSwitches",
     "ControllerSettings",
     "DoctorSettings",
     "Experiment",
+    "FalseContacts",
     "HoldStatistics",
     "JointArray",
     "MissingExtraError",
@@ -105,8 +111,11 @@ __all__ = [
 # Looked up when first used: a program that only moves a robot needs none of them.
 _HOMES = {
     "Calibration": "recordings",
+    "ChaseFigures": "recordings",
+    "ChaseProtocol": "recordings",
     "DoctorSettings": "doctor",
     "Experiment": "experiment",
+    "FalseContacts": "recordings",
     "HoldStatistics": "recordings",
     "NaoqiServices": "naoqi_services",
     "NaoqiSettings": "naoqi",

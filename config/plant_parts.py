@@ -51,14 +51,14 @@ class Targets:
     ``speed_limit`` [rad/s] bounds how fast a target runs (null: not at all). A chase lasts from when the first target
     falls behind its command until none is; with probability ``fast_chases`` the targets of ``fast_joints`` run twice as
     fast in it. ``wander_time`` [s] is the time constant with which targets wander (:attr:`Actuator.wander`);
-    ``stray`` [rad] are the smallest and the largest size of a stray (:attr:`Actuator.strays`).
+    ``stray`` [rad] are the smallest and the largest size of a stray (:attr:`Actuator.strays`); small ones are more often.
     """
 
     speed_limit: Positive | None
     fast_chases: Probability
     fast_joints: tuple[str, ...]
     wander_time: Positive
-    stray: tuple[NonNegative, NonNegative]
+    stray: tuple[Positive, Positive]
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

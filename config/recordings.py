@@ -63,6 +63,69 @@ class HoldStatistics:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
+class ChaseFigures:
+    """Figures of one joint under the commands as recorded; None where a recording does not tell.
+
+    At the ends of holds: median, 90th percentile and maximum of the absolute error [deg]; fractions of holds that end
+    ``short`` of the goal and ``beyond`` it; R2 of the error by the side of approach, by gravity, and by the current with
+    the error's sign; ``droop_deg`` [deg/(N m)] of gravity as the URDF has it; ``gravity_torque``, the motor's torque by
+    current and documented constant [N m/(N m)]; fraction of holds whose error is ``without_current`` that works
+    against it. From command to ``current_onset_ms`` and ``encoder_onset_ms``; fraction of still joints whose current is
+    seen to ``creep``; noise at rest [mdeg], [mA]. In motion: ``rms_deg`` of the error, not aligned in time; median and
+    90th percentile of the speed of a joint far behind, and the largest of any [rad/s].
+    """
+
+    median_deg: float | None
+    p90_deg: float | None
+    max_deg: float | None
+    short: float | None
+    beyond: float | None
+    r2_side: float | None
+    r2_gravity: float | None
+    r2_current: float | None
+    droop_deg: float | None
+    gravity_torque: float | None
+    without_current: float | None
+    current_onset_ms: float | None
+    encoder_onset_ms: float | None
+    creep: float | None
+    encoder_noise_mdeg: float | None
+    current_noise_ma: float | None
+    rms_deg: float | None
+    chase_speed: tuple[float, float] | None
+    max_speed: float | None
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class FalseContacts:
+    """False contacts of an observer with the models of ``nominal`` under the commands as recorded.
+
+    ``count`` of them in ``minutes``; ``by_joint`` the same count, by the joint that was named.
+    """
+
+    count: Annotated[int, Field(ge=0)]
+    minutes: Positive
+    by_joint: dict[str, Annotated[int, Field(ge=0)]]
+
+    @property
+    def per_hour(self) -> float:
+        """Rate [1/h]."""
+        return 60.0 * self.count / self.minutes
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Chases:
+    """Recordings of fast commands to random goals: ``figures`` by joint, and contacts that an observer raised.
+
+    ``stiffness`` [N m/rad] by joint is the one by which errors without current were told.
+    """
+
+    stiffness: dict[str, Positive]
+    figures: dict[str, ChaseFigures]
+    false_contacts: FalseContacts
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
 class ReferenceData:
     """Recorded values, by joint; see ``recordings.yaml`` for the sources. ``hold_time`` in [s]."""
 
@@ -70,6 +133,7 @@ class ReferenceData:
     hold_count: Count
     hold_time: Positive
     holds: dict[str, HoldStatistics]
+    chases: Chases
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -86,14 +150,29 @@ class RampProtocol:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
+class ChaseProtocol:
+    """Commands as recorded; see ``calibration.yaml`` for the meaning of each key."""
+
+    joints: tuple[str, ...]
+    range: Annotated[float, Field(gt=0, le=1)]
+    move: tuple[Positive, Positive]
+    ease: Annotated[float, Field(gt=0, le=0.5)]
+    hold: Positive
+    count: Count
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
 class CalibrationSettings:
     """Measurement of the simulated robot, and limits of a match; see ``calibration.yaml`` for each key."""
 
     ramps: RampProtocol
+    chases: ChaseProtocol
     fit_seed: Annotated[int, Field(ge=0)]
     fit_count: Count
     largest_residual_deg: dict[str, Positive]
     largest_factor: Annotated[float, Field(gt=1)]
+    largest_r2_difference: Annotated[float, Field(gt=0, lt=1)]
+    largest_false_factor: Annotated[float, Field(gt=1)]
 
 
 @plain_dataclass(frozen=True, kw_only=True)
@@ -122,7 +201,13 @@ def load_recordings(robot: RobotConfig, path: Path | str | None = None) -> Refer
     """
     path = own_or_shipped(path, "recordings.yaml")
     recordings = load(ReferenceData, path)
-    for key, joints in (("tables", recordings.tables), ("holds", recordings.holds)):
+    for key, joints in (
+        ("tables", recordings.tables),
+        ("holds", recordings.holds),
+        ("chases.figures", recordings.chases.figures),
+        ("chases.stiffness", recordings.chases.stiffness),
+        ("chases.false_contacts.by_joint", recordings.chases.false_contacts.by_joint),
+    ):
         for name in joints:
             if name not in robot.joint_names:
                 raise ConfigError(f"{path}: key '{key}': unknown joint '{name}'")
@@ -148,6 +233,8 @@ def load_calibration(robot: RobotConfig) -> Calibration:
     for where, given, wanted in (
         ("experiments/calibrate.yaml", set(step.goals.joints), set(recordings.holds)),
         ("calibration.yaml", set(settings.largest_residual_deg), set(recordings.tables)),
+        ("calibration.yaml", set(settings.chases.joints), set(recordings.chases.figures)),
+        ("recordings.yaml", set(recordings.chases.stiffness), set(recordings.chases.figures)),
     ):
         if given != wanted:
             raise ConfigError(f"{where}: its joints are not those of recordings.yaml")

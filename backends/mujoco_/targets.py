@@ -8,7 +8,7 @@ import numpy as np
 
 from pepper_driver.backends.simulated import Resumable
 from pepper_driver.config import PlantConfig, RobotConfig
-from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.kernels import Out, Records, kernel, make_records
 
 REST_TIME = 0.1
@@ -116,12 +116,13 @@ def let_stray(
         if target.still == rest_cycles:
             target.drawn = 0.0
             if chance[j] < target.strays:
-                # The upper half of the range lies beyond the goal, the lower half short of it.
+                # Small ones are seen more often: even in the reciprocal of the size. Either side is as likely.
                 side = 2.0 * place[j] - 1.0
-                target.drawn = math.copysign(lowest + (highest - lowest) * abs(side), side)
+                reciprocal = 1.0 / lowest + abs(side) * (1.0 / highest - 1.0 / lowest)
+                target.drawn = math.copysign(1.0 / reciprocal, side)
         elif target.still == 0.0:
             target.drawn = 0.0
-        step = (highest if highest > 0.0 else 1.0) / rest_cycles
+        step = highest / rest_cycles
         target.stray += min(max(target.drawn - target.stray, -step), step)
         share[j] += (target.wandered + target.stray - before) / steps
 

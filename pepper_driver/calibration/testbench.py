@@ -174,7 +174,7 @@ def ramp_errors(
         partial(_ramp_part, robot, fixed, joint, pairs[i : i + 8], protocol)
         for i in range(0, len(pairs), 8)
     ]
-    parts = _run(jobs, workers, progress)
+    parts = run_all(jobs, workers, progress)
     return np.concatenate(parts).reshape(len(torques), len(velocities))
 
 
@@ -287,7 +287,7 @@ def hold_errors(
         for first in range(0, holds.count, GOALS_EACH)
     ]
     error, current, load = (
-        np.concatenate(p) for p in zip(*_run(jobs, workers, progress), strict=True)
+        np.concatenate(p) for p in zip(*run_all(jobs, workers, progress), strict=True)
     )
     return HoldEnds(joints=holds.joints, error=error, current=current, load=load)
 
@@ -297,35 +297,97 @@ def _hold_part(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Errors [rad], currents [A] and loads [N m], (count, joints) each, of one robot."""
     rng = np.random.default_rng(seed)
-    columns = np.array([robot.joint_index(name) for name in holds.joints])
+    ramp = _ramp(round(holds.move / robot.cycle))
+    ramps = [ramp] * holds.count
+    run = play_goals(robot, plant, holds.joints, ramps, rng, part=holds.range, hold=holds.hold)
+    mean = max(1, round(CURRENT_TIME / robot.cycle))
+    currents = [run.current[end - mean : end].mean(axis=0) for end in run.ends]
+    columns = [robot.joint_index(name) for name in holds.joints]
+    last = [end - 1 for end in run.ends]
+    return (
+        (run.command - run.position)[last][:, columns],
+        np.array(currents)[:, columns],
+        gravity_torque(robot, plant, run.command[last])[:, columns],
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class GoalRun:
+    """One robot on its way from goal to goal, arrays (n, 17) by tick.
+
+    Attributes:
+        command: Position sent [rad].
+        position: Measured in the same exchange [rad].
+        current: The same, unsigned [A].
+        age: (n,) of the sample beyond the usual transport [s].
+        begins: (count,) first tick of each move.
+        ends: (count,) tick after the end of each hold.
+    """
+
+    command: FloatArray
+    position: FloatArray
+    current: FloatArray
+    age: FloatArray
+    begins: tuple[int, ...]
+    ends: tuple[int, ...]
+
+
+def play_goals(
+    robot: RobotConfig,
+    plant: PlantConfig,
+    joints: Sequence[str],
+    ramps: Sequence[FloatArray],
+    rng: np.random.Generator,
+    *,
+    part: float,
+    hold: float,
+) -> GoalRun:
+    """Have one robot go to random goals of all joints at once, straight to the boards, and hold each.
+
+    Args:
+        robot: The robot.
+        plant: Its parameters, with a fixed base.
+        joints: Those that have goals; the others stay in posture Stand.
+        ramps: For each goal, the fraction of the way that is done after each tick.
+        rng: Of goals and noise.
+        part: Of each joint's range, around its middle, where its goals lie.
+        hold: How long each goal is held [s].
+    """
+    columns = np.array([robot.joint_index(name) for name in joints])
     lower, upper = robot.lower[columns], robot.upper[columns]
-    reach = holds.range * (upper - lower) / 2
-    move = _ramp(round(holds.move / robot.cycle))
-    wait, mean = (max(1, round(time / robot.cycle)) for time in (holds.hold, CURRENT_TIME))
+    reach = part * (upper - lower) / 2
+    wait = max(1, round(hold / robot.cycle))
     ones, still = np.ones(len(robot.joint_names)), np.zeros(3)
     backend = MujocoBackend(robot, plant, seed=int(rng.integers(2**31)))
     backend.open()
     backend.activate()
     here = robot.posture("Stand")
-    errors, currents, goals = [], [], []
-    for _ in range(holds.count):
+    path: list[FloatArray] = []
+    begins, ends = [], []
+    for ramp in ramps:
         goal = here.copy()
         goal[columns] = (lower + upper) / 2 + rng.uniform(-reach, reach)
-        path = [here + fraction * (goal - here) for fraction in move] + [goal] * wait
-        last = [
-            backend.exchange(Command(position=position, stiffness=ones, wheel_speed=still))
-            for position in path
-        ][-mean:]
-        errors.append((goal - last[-1].position)[columns])
-        currents.append(np.mean([m.current[columns] for m in last], axis=0))
-        goals.append(goal)
+        begins.append(len(path))
+        path += [here + fraction * (goal - here) for fraction in ramp] + [goal] * wait
+        ends.append(len(path))
         here = goal
+    measured = [
+        backend.exchange(Command(position=position, stiffness=ones, wheel_speed=still))
+        for position in path
+    ]
     backend.close()
-    return np.array(errors), np.array(currents), _gravity(robot, plant, goals)[:, columns]
+    return GoalRun(
+        command=np.array(path),
+        position=np.array([m.position for m in measured]),
+        current=np.array([m.current for m in measured]),
+        age=np.array([m.age for m in measured]),
+        begins=tuple(begins),
+        ends=tuple(ends),
+    )
 
 
-def _gravity(robot: RobotConfig, plant: PlantConfig, postures: list[FloatArray]) -> FloatArray:
-    """(n, 17) torque that gravity asks of each joint in some postures, at rest [N m]."""
+def gravity_torque(robot: RobotConfig, plant: PlantConfig, postures: FloatArray) -> FloatArray:
+    """Return the (n, 17) torque that gravity asks of each joint in (n, 17) postures, at rest [N m]."""
     simulation = Simulation(robot, plant)
     loads = []
     for posture in postures:
@@ -369,7 +431,9 @@ def opposite(joint: str) -> str:
     return {"L": "R", "R": "L"}[joint[0]] + joint[1:]
 
 
-def _run(jobs: Sequence[Callable[[], T]], workers: Workers, progress: Progress | None) -> list[T]:
+def run_all(
+    jobs: Sequence[Callable[[], T]], workers: Workers, progress: Progress | None
+) -> list[T]:
     """Results of all jobs, in order."""
     results = []
     for result in run_jobs(jobs, workers=workers):

@@ -1,0 +1,373 @@
+"""Commands as they were recorded on a real robot, and what a simulated one shows under them.
+
+The right arm goes to random goals far faster than it can follow, and holds each for two seconds. What its encoders and
+currents do then told the plants apart from the recordings; see ``recordings.yaml``, key ``chases``.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from pepper_driver.calibration.drive import torque_constant
+from pepper_driver.calibration.testbench import (
+    GOALS_EACH,
+    GoalRun,
+    Progress,
+    gravity_torque,
+    play_goals,
+    run_all,
+)
+from pepper_driver.config import (
+    ChaseFigures,
+    ChaseProtocol,
+    FalseContacts,
+    PlantConfig,
+    RobotConfig,
+    load_observer_settings,
+)
+from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.plant_parts import BodyParameters
+from pepper_driver.config.workers import Workers
+from pepper_driver.controller.model import RobotModel
+from pepper_driver.observer import ContactObserver, ModelSet, Recording
+from pepper_driver.observer.scoring import group_events
+
+DOCUMENTED_BODY = BodyParameters(masses={}, coms={}, payloads=())
+"""Masses as the URDF has them: gravity of a recorded arm can only be computed with these."""
+
+CHASE_STREAM = 2
+"""Of the random sequences of a seed: holds have the first. The values of the plants were chosen on others."""
+
+CURRENT_ONSET, ENCODER_ONSET = 0.1, np.radians(0.25)
+"""[A] and [rad] by which current and encoder have moved at their onset; the yardsticks of the recordings."""
+
+LEAST_TRAVEL = np.radians(5.0)
+"""[rad] of a move whose onset counts, and whose hold has a side of approach."""
+
+CHASING = 0.3
+"""[rad] of error beyond which a joint chases its command."""
+
+SPEED_TICKS = 5
+"""Ticks over which a speed is measured: 60 ms."""
+
+SETTLED_TIME, LAST_TIME = 0.5, 0.048
+"""[s] after which a hold counts for creep, and at its end over which noise is measured."""
+
+CREEP = 0.1
+"""[A] by which the current of a still joint has changed."""
+
+UNEXPLAINED, WORKING_SHARE = np.radians(0.6), 0.25
+"""[rad] of error that no current works against: below this share of what K times the error asks for."""
+
+
+def play_chases(
+    robot: RobotConfig,
+    plant: PlantConfig,
+    protocol: ChaseProtocol,
+    seed: int,
+    *,
+    workers: Workers = -1,
+    progress: Progress | None = None,
+) -> tuple[GoalRun, ...]:
+    """Have robots play the commands as recorded; the base is fixed, several robots divide the goals among them.
+
+    Args:
+        robot: The robot.
+        plant: Its parameters.
+        protocol: Joints, ranges and times.
+        seed: Of goals and noise.
+        workers: Processes, -1 for one per core; or a cluster.
+        progress: Called after each part.
+    """
+    fixed = replace(plant, base="fixed")
+    jobs = [
+        partial(
+            _play_part,
+            robot,
+            fixed,
+            replace(protocol, count=min(GOALS_EACH, protocol.count - first)),
+            (CHASE_STREAM, seed, first),
+        )
+        for first in range(0, protocol.count, GOALS_EACH)
+    ]
+    return tuple(run_all(jobs, workers, progress))
+
+
+def _play_part(
+    robot: RobotConfig, plant: PlantConfig, protocol: ChaseProtocol, seed: tuple[int, ...]
+) -> GoalRun:
+    rng = np.random.default_rng(seed)
+    times = rng.uniform(*protocol.move, protocol.count)
+    ramps = [trapezoid(max(1, round(time / robot.cycle)), protocol.ease) for time in times]
+    return play_goals(
+        robot, plant, protocol.joints, ramps, rng, part=protocol.range, hold=protocol.hold
+    )
+
+
+def trapezoid(ticks: int, ease: float) -> FloatArray:
+    """Return (ticks,) the fraction of a move that is done after each tick: constant speed between two ramps of it.
+
+    Args:
+        ticks: Of the move.
+        ease: Fraction of the time that each ramp takes, above 0 and at most 0.5.
+    """
+    time = np.arange(1, ticks + 1) / ticks
+    begin, end = time**2 / (2 * ease), (1 - ease) - (1 - time) ** 2 / (2 * ease)
+    way = np.where(time < ease, begin, np.where(time > 1 - ease, end, time - ease / 2))
+    return np.asarray(way / (1 - ease))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Hold:
+    """Ends of the holds of one joint, arrays (count,) over all runs.
+
+    ``error`` [rad]; ``side`` from which the goal was approached, -1 or 1, 0 where it hardly moved; ``load`` that gravity
+    asks for [N m]; ``torque`` of the motor by its current and the documented constant, with the error's sign [N m].
+    """
+
+    error: FloatArray
+    side: FloatArray
+    load: FloatArray
+    torque: FloatArray
+
+
+def chase_figures(
+    robot: RobotConfig,
+    plant: PlantConfig,
+    joint: str,
+    runs: Sequence[GoalRun],
+    stiffness: float,
+) -> ChaseFigures:
+    """Return what one joint shows in runs of the commands as recorded.
+
+    Args:
+        robot: The robot.
+        plant: That was played; only its kinematics and the documented masses count.
+        joint: Whose.
+        runs: All.
+        stiffness: By which errors without current are told [N m/rad].
+    """
+    index, constant = robot.joint_index(joint), torque_constant(robot, joint)
+    step = robot.sensors.encoder.step
+    documented = replace(plant, base="fixed", body=DOCUMENTED_BODY)
+    holds = [_ends(robot, documented, run, index, constant) for run in runs]
+    hold = _Hold(
+        **{
+            name: np.concatenate([getattr(part, name) for part in holds])
+            for name in _Hold.__annotations__
+        }
+    )
+    size = np.abs(hold.error)
+    came = hold.side != 0.0
+    towards = hold.error[came] * hold.side[came]
+    unexplained = (size > UNEXPLAINED) & (np.abs(hold.torque) < WORKING_SHARE * stiffness * size)
+    current_onset, encoder_onset = _onsets(robot, runs, index)
+    creeps = np.concatenate([_creeps(robot, run, index) for run in runs])
+    encoder_noise, current_noise = _noise(robot, runs, index)
+    errors = np.concatenate([(run.command - run.position)[:, index] for run in runs])
+    moving = np.concatenate([_moving(run) for run in runs])
+    speeds = np.concatenate([_speeds(robot, run, index) for run in runs])
+    chasing = np.abs(errors) > CHASING
+    median, p90 = np.degrees(np.percentile(size, [50, 90]))
+    chase_speed = np.percentile(np.abs(speeds[chasing]), [50, 90]) if chasing.any() else (0.0, 0.0)
+    return ChaseFigures(
+        median_deg=float(median),
+        p90_deg=float(p90),
+        max_deg=float(np.degrees(size.max())),
+        short=float(np.mean(towards > step / 2)),
+        beyond=float(np.mean(towards < -step / 2)),
+        r2_side=explained(hold.side[came], hold.error[came]),
+        r2_gravity=explained(hold.load, hold.error),
+        r2_current=explained(hold.torque, hold.error),
+        droop_deg=float(np.degrees(slope(hold.load, hold.error))),
+        gravity_torque=slope(hold.load, hold.torque),
+        without_current=float(np.mean(unexplained)),
+        current_onset_ms=current_onset,
+        encoder_onset_ms=encoder_onset,
+        creep=float(np.mean(creeps)) if len(creeps) else 0.0,
+        encoder_noise_mdeg=1e3 * float(np.degrees(encoder_noise)),
+        current_noise_ma=1e3 * current_noise,
+        rms_deg=float(np.degrees(np.sqrt(np.mean(errors[moving] ** 2)))),
+        chase_speed=(float(chase_speed[0]), float(chase_speed[1])),
+        max_speed=float(np.abs(speeds).max()),
+    )
+
+
+def slope(x: FloatArray, y: FloatArray) -> float:
+    """Return the slope of the straight line through (n,) points by least squares."""
+    centred = x - x.mean()
+    return float(centred @ y / max(float(centred @ centred), 1e-12))
+
+
+def explained(x: FloatArray, y: FloatArray) -> float:
+    """Return R2 of a straight line: the share of the variance of (n,) ``y`` that ``x`` explains."""
+    if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
+        return 0.0
+    return float(np.corrcoef(x, y)[0, 1] ** 2)
+
+
+def _ends(
+    robot: RobotConfig, documented: PlantConfig, run: GoalRun, index: int, constant: float
+) -> _Hold:
+    last = np.array(run.ends) - 1
+    goals = run.command[last]
+    before = np.concatenate((robot.posture("Stand")[None, index], goals[:-1, index]))
+    travel = goals[:, index] - before
+    error = goals[:, index] - run.position[last, index]
+    mean = max(1, round(LAST_TIME / robot.cycle))
+    current = np.array([run.current[end - mean : end, index].mean() for end in run.ends])
+    return _Hold(
+        error=error,
+        side=np.where(np.abs(travel) > LEAST_TRAVEL, np.sign(travel), 0.0),
+        load=gravity_torque(robot, documented, goals)[:, index],
+        # Sensors tell no sign; a motor works against its error.
+        torque=np.sign(error) * current * constant,
+    )
+
+
+def _onsets(
+    robot: RobotConfig, runs: Sequence[GoalRun], index: int
+) -> tuple[float | None, float | None]:
+    """Return medians of the times from a command to the onset of current and encoder [ms]; None without any."""
+    step = robot.sensors.encoder.step
+    found: tuple[list[int], list[int]] = ([], [])
+    for run in runs:
+        for begin, end in zip(run.begins[1:], run.ends[1:], strict=True):
+            command = run.command[begin - 1 : end, index]
+            moved = np.abs(command - command[0])
+            if moved[-1] < LEAST_TRAVEL:
+                continue
+            start = int(np.argmax(moved > step))
+            for signal, least, onsets in (
+                (run.current, CURRENT_ONSET, found[0]),
+                (run.position, ENCODER_ONSET, found[1]),
+            ):
+                values = signal[begin - 1 : end, index]
+                gone = np.abs(values - values[0])[start:] > least
+                if gone.any():
+                    onsets.append(int(np.argmax(gone)))
+    current, encoder = (1e3 * robot.cycle * float(np.median(o)) if o else None for o in found)
+    return current, encoder
+
+
+def _creeps(robot: RobotConfig, run: GoalRun, index: int) -> BoolArray:
+    """Return of each hold in which the joint stands still whether its current changes by more than CREEP."""
+    step, mean = robot.sensors.encoder.step, max(1, round(LAST_TIME / robot.cycle))
+    found = []
+    for begin, end in zip(run.begins, run.ends, strict=True):
+        goal = run.command[end - 1, index]
+        resting = begin + int(np.argmax(run.command[begin:end, index] == goal))
+        first = resting + round(SETTLED_TIME / robot.cycle)
+        if np.ptp(run.position[first:end, index]) > 1.5 * step:
+            continue
+        change = run.current[end - mean : end, index].mean()
+        change -= run.current[first : first + mean, index].mean()
+        found.append(abs(change) > CREEP)
+    return np.array(found, dtype=np.bool_)
+
+
+def _noise(robot: RobotConfig, runs: Sequence[GoalRun], index: int) -> tuple[float, float]:
+    """Return the spread of the encoder [rad], and the mean step of the current [A], at the ends of holds."""
+    ticks = max(2, round(LAST_TIME / robot.cycle))
+    ends = [(run, end) for run in runs for end in run.ends]
+    encoder = [run.position[end - ticks : end, index].std() for run, end in ends]
+    current = [np.abs(np.diff(run.current[end - ticks : end, index])).mean() for run, end in ends]
+    return float(np.mean(encoder)), float(np.mean(current))
+
+
+def _moving(run: GoalRun) -> BoolArray:
+    """(n,) True from the begin of a move to the tick in which its command is at the goal."""
+    moving = np.zeros(len(run.command), dtype=np.bool_)
+    moving[1:] = (np.diff(run.command, axis=0) != 0.0).any(axis=1)
+    return moving
+
+
+def _speeds(robot: RobotConfig, run: GoalRun, index: int) -> FloatArray:
+    """(n,) measured speed over SPEED_TICKS [rad/s]."""
+    position = run.position[:, index]
+    speeds = np.zeros(len(position))
+    speeds[SPEED_TICKS:] = (position[SPEED_TICKS:] - position[:-SPEED_TICKS]) / (
+        SPEED_TICKS * robot.cycle
+    )
+    return speeds
+
+
+def as_recording(robot: RobotConfig, run: GoalRun, model: RobotModel, delay: int) -> Recording:
+    """Return a run as an observer is given it: the desired motion is that of the command.
+
+    Args:
+        robot: The robot.
+        run: Of the bench.
+        model: For the desired load torque.
+        delay: Whole ticks from a command to the sample that answers it.
+    """
+    n, cycle = len(run.command) - delay, robot.cycle
+    command = run.command[:n]
+    velocity = np.diff(command, axis=0, prepend=command[:1]) / cycle
+    acceleration = np.diff(velocity, axis=0, prepend=velocity[:1]) / cycle
+    rates = np.zeros((2, n, model.nv))
+    rates[0][:, model.joint_columns] = velocity
+    rates[1][:, model.joint_columns] = acceleration
+    load = [
+        model.load_torque(model.configuration(q), v, a)
+        for q, v, a in zip(command, *rates, strict=True)
+    ]
+    still, upright = np.zeros((n, 3)), np.tile([0.0, 0.0, 9.81], (n, 1))
+    return Recording(
+        joint_names=robot.joint_names,
+        time=cycle * np.arange(1, n + 1),
+        age=run.age[delay:],
+        sent_position=command,
+        stiffness=np.ones_like(command),
+        limited=np.zeros(command.shape, dtype=np.bool_),
+        position=run.position[delay:],
+        current=run.current[delay:],
+        reference_position=command,
+        velocity=velocity,
+        acceleration=acceleration,
+        load_torque=np.array(load),
+        base_twist=still,
+        sent_wheel_speed=still,
+        wheel_speed=still,
+        linear_acceleration=upright,
+        angular_velocity=still,
+        attitude=still,
+    )
+
+
+def false_contacts(
+    robot: RobotConfig,
+    runs: Sequence[GoalRun],
+    models: ModelSet,
+    delay: int,
+    *,
+    workers: Workers = -1,
+) -> FalseContacts:
+    """Count the contacts that an observer raises in runs that nobody touches, each run from its first tick on.
+
+    Args:
+        robot: The robot.
+        runs: Of the bench.
+        models: Of kind ``fusion``.
+        delay: Whole ticks from a command to the sample that answers it.
+        workers: Processes, -1 for one per core; or a cluster.
+    """
+    jobs = [partial(_joints_named, robot, run, models, delay) for run in runs]
+    named = [joint for joints in run_all(jobs, workers, None) for joint in joints]
+    ticks = sum(len(run.command) - delay for run in runs)
+    return FalseContacts(
+        count=len(named), minutes=ticks * robot.cycle / 60.0, by_joint=dict(Counter(named))
+    )
+
+
+def _joints_named(robot: RobotConfig, run: GoalRun, models: ModelSet, delay: int) -> list[str]:
+    """Return the joint, or else the link, of each contact that begins in a run."""
+    observer = ContactObserver(robot, models, load_observer_settings())
+    recording = as_recording(robot, run, RobotModel(robot), delay)
+    contacts = [c for tick in recording.ticks() for c in observer.step(tick).contacts]
+    return [track.begin.joint or track.begin.link for track in group_events(contacts)]
