@@ -43,8 +43,10 @@ if TYPE_CHECKING:
     from pepper_driver.config.network import Network, load_network, network_names
     from pepper_driver.config.recordings import (
         Calibration,
+        CalibrationSettings,
         ChaseFigures,
         ChaseProtocol,
+        Chases,
         FalseContacts,
         HoldStatistics,
         RampProtocol,
@@ -57,9 +59,11 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Calibration",
+    "CalibrationSettings",
     "Capsule",
     "ChaseFigures",
     "ChaseProtocol",
+    "Chases",
     "ConfigError",
     "ConstraintSwitches",
     "ControllerSettings",
@@ -111,8 +115,10 @@ __all__ = [
 # Looked up when first used: a program that only moves a robot needs none of them.
 _HOMES = {
     "Calibration": "recordings",
+    "CalibrationSettings": "recordings",
     "ChaseFigures": "recordings",
     "ChaseProtocol": "recordings",
+    "Chases": "recordings",
     "DoctorSettings": "doctor",
     "Experiment": "experiment",
     "FalseContacts": "recordings",

@@ -54,6 +54,10 @@ class Motors:
         """Return the motor type that drives ``joint``."""
         return self.types[self.joints[joint].type]
 
+    def joint_torque_constant(self, joint: str) -> float:
+        """Return the torque at a joint by the current of its motor, N Kt [N m/A]."""
+        return self.of(joint).torque_constant * self.joints[joint].ratio
+
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Frame:

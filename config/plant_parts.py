@@ -51,7 +51,7 @@ class Targets:
     ``speed_limit`` [rad/s] bounds how fast a target runs (null: not at all). A chase lasts from when the first target
     falls behind its command until none is; with probability ``fast_chases`` the targets of ``fast_joints`` run twice as
     fast in it. ``wander_time`` [s] is the time constant with which targets wander (:attr:`Actuator.wander`);
-    ``stray`` [rad] are the smallest and the largest size of a stray (:attr:`Actuator.strays`); small ones are more often.
+    ``stray`` [rad] are the smallest and the largest size of a stray (:attr:`Actuator.strays`), small ones more often.
     """
 
     speed_limit: Positive | None

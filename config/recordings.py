@@ -67,12 +67,12 @@ class ChaseFigures:
     """Figures of one joint under the commands as recorded; None where a recording does not tell.
 
     At the ends of holds: median, 90th percentile and maximum of the absolute error [deg]; fractions of holds that end
-    ``short`` of the goal and ``beyond`` it; R2 of the error by the side of approach, by gravity, and by the current with
-    the error's sign; ``droop_deg`` [deg/(N m)] of gravity as the URDF has it; ``gravity_torque``, the motor's torque by
-    current and documented constant [N m/(N m)]; fraction of holds whose error is ``without_current`` that works
-    against it. From command to ``current_onset_ms`` and ``encoder_onset_ms``; fraction of still joints whose current is
-    seen to ``creep``; noise at rest [mdeg], [mA]. In motion: ``rms_deg`` of the error, not aligned in time; median and
-    90th percentile of the speed of a joint far behind, and the largest of any [rad/s].
+    ``short`` of the goal and ``beyond`` it; R2 of the error by the side of approach, by gravity, and by the current
+    with the sign of the error; ``droop_deg`` [deg/(N m)] of gravity as the URDF has it; ``gravity_torque``, the motor's
+    torque by current and documented constant [N m/(N m)]; fraction of holds whose error is ``without_current`` that
+    works against it. From command to ``current_onset_ms`` and ``encoder_onset_ms``; fraction of still joints whose
+    current is seen to ``creep``; noise at rest [mdeg], [mA]. In motion: ``rms_deg`` of the error, not aligned in time;
+    median and 90th percentile of the speed of a joint far behind, and the largest of any [rad/s].
     """
 
     median_deg: float | None
@@ -92,7 +92,8 @@ class ChaseFigures:
     encoder_noise_mdeg: float | None
     current_noise_ma: float | None
     rms_deg: float | None
-    chase_speed: tuple[float, float] | None
+    chase_speed: float | None
+    chase_speed_p90: float | None
     max_speed: float | None
 
 

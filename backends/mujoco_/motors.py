@@ -377,7 +377,8 @@ class MotorBoards(Resumable):
         boards: Constants and state of each.
         current: Motor current of the last update [A], signed.
         saturated: Whether a bound was met since :meth:`begin_cycle`.
-        stiffness: K = kp N Kt / R [N m/rad], of the torque that reaches the joint, at the reference temperature and voltage.
+        stiffness: K = kp N Kt / R [N m/rad] at the reference temperature and voltage, of the torque that reaches the
+            joint.
         torque_limit: Torque that the motor board can hold [N m], in the same order.
     """
 

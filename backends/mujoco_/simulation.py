@@ -152,7 +152,11 @@ class Simulation(Resumable):
         return position
 
     def reset(self, posture: FloatArray, seed: int = 0) -> None:
-        """Stand still in ``posture`` (17,) [rad], motors off, brakes on; ``seed`` is that of what the boards do by chance.
+        """Stand still, motors off, brakes on.
+
+        Args:
+            posture: (17,) [rad].
+            seed: Of what the boards do by chance.
 
         Raises:
             ConfigError: An object of the world collides with the robot.

@@ -130,7 +130,7 @@ def fit_joint_stick_slip(
     joint: str, recordings: Sequence[Recording], robot: RobotConfig
 ) -> StickSlipParameters:
     """Fit the stick-slip model of a joint, with the constants of its motor; see :func:`fit_stick_slip`."""
-    torque_constant = robot.motors.of(joint).torque_constant * robot.motors.joints[joint].ratio
+    torque_constant = robot.motors.joint_torque_constant(joint)
     return fit_stick_slip(joint, recordings, robot.cycle, torque_constant=torque_constant)
 
 

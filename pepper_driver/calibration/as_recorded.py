@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
-from pepper_driver.calibration.drive import torque_constant
 from pepper_driver.calibration.testbench import (
     GOALS_EACH,
     GoalRun,
@@ -23,8 +23,10 @@ from pepper_driver.calibration.testbench import (
     run_all,
 )
 from pepper_driver.config import (
+    CalibrationSettings,
     ChaseFigures,
     ChaseProtocol,
+    Chases,
     FalseContacts,
     PlantConfig,
     RobotConfig,
@@ -63,6 +65,92 @@ CREEP = 0.1
 
 UNEXPLAINED, WORKING_SHARE = np.radians(0.6), 0.25
 """[rad] of error that no current works against: below this share of what K times the error asks for."""
+
+
+JUDGED = {
+    "hold median": ("median_deg",),
+    "hold p90": ("p90_deg",),
+    "gravity current": ("gravity_torque",),
+    "latency": ("current_onset_ms", "encoder_onset_ms"),
+    "R2 by side": ("r2_side",),
+}
+"""Figures by which a plant is judged; all of a cell must match."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChaseCell:
+    """One judged figure of one joint.
+
+    Attributes:
+        joint: Name.
+        quantity: Key of :data:`JUDGED`.
+        passed: True if it matches the real one.
+    """
+
+    joint: str
+    quantity: str
+    passed: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChaseReport:
+    """A plant under the commands as recorded.
+
+    Attributes:
+        figures: By joint.
+        false_contacts: Of the shipped models of ``nominal``.
+        real: The same of the real robot.
+        settings: Limits of a match.
+    """
+
+    figures: dict[str, ChaseFigures]
+    false_contacts: FalseContacts
+    real: Chases
+    settings: CalibrationSettings
+
+    @property
+    def cells(self) -> tuple[ChaseCell, ...]:
+        """Judged figures of all joints whose side of approach was recorded."""
+        return tuple(
+            ChaseCell(joint=joint, quantity=quantity, passed=self._matches(joint, names))
+            for joint, real in self.real.figures.items()
+            if real.r2_side is not None
+            for quantity, names in JUDGED.items()
+        )
+
+    @property
+    def false_contacts_match(self) -> bool:
+        """True if the rate of false contacts is within the largest factor of the real one."""
+        factor = self.settings.largest_false_factor
+        return _within(self.false_contacts.per_hour, self.real.false_contacts.per_hour, factor)
+
+    def _matches(self, joint: str, names: tuple[str, ...]) -> bool:
+        pairs = [
+            (getattr(self.figures[joint], name), getattr(self.real.figures[joint], name))
+            for name in names
+        ]
+        if names == ("r2_side",):
+            return all(abs(a - b) <= self.settings.largest_r2_difference for a, b in pairs)
+        factor = self.settings.largest_factor
+        return all(a is not None and _within(a, b, factor) for a, b in pairs)
+
+    def as_json(self) -> dict[str, Any]:
+        """``figures.<joint>``, ``real.<joint>``, ``cells``, ``false_contacts``, ``real_false_contacts``."""
+        return {
+            "figures": {joint: asdict(found) for joint, found in self.figures.items()},
+            "real": {joint: asdict(real) for joint, real in self.real.figures.items()},
+            "cells": [asdict(cell) for cell in self.cells],
+            "false_contacts": _rate(self.false_contacts),
+            "real_false_contacts": _rate(self.real.false_contacts),
+        }
+
+
+def _within(value: float, real: float, factor: float) -> bool:
+    return real / factor <= value <= real * factor
+
+
+def _rate(contacts: FalseContacts) -> dict[str, Any]:
+    return {"per_hour": contacts.per_hour, **asdict(contacts)}
 
 
 def play_chases(
@@ -126,8 +214,9 @@ def trapezoid(ticks: int, ease: float) -> FloatArray:
 class _Hold:
     """Ends of the holds of one joint, arrays (count,) over all runs.
 
-    ``error`` [rad]; ``side`` from which the goal was approached, -1 or 1, 0 where it hardly moved; ``load`` that gravity
-    asks for [N m]; ``torque`` of the motor by its current and the documented constant, with the error's sign [N m].
+    ``error`` [rad]; ``side`` from which the goal was approached, -1 or 1, 0 where it hardly moved; ``load`` that
+    gravity asks for [N m]; ``torque`` of the motor by its current and the documented constant, with the sign of the
+    error [N m].
     """
 
     error: FloatArray
@@ -152,7 +241,7 @@ def chase_figures(
         runs: All.
         stiffness: By which errors without current are told [N m/rad].
     """
-    index, constant = robot.joint_index(joint), torque_constant(robot, joint)
+    index, constant = robot.joint_index(joint), robot.motors.joint_torque_constant(joint)
     step = robot.sensors.encoder.step
     documented = replace(plant, base="fixed", body=DOCUMENTED_BODY)
     holds = [_ends(robot, documented, run, index, constant) for run in runs]
@@ -172,9 +261,9 @@ def chase_figures(
     errors = np.concatenate([(run.command - run.position)[:, index] for run in runs])
     moving = np.concatenate([_moving(run) for run in runs])
     speeds = np.concatenate([_speeds(robot, run, index) for run in runs])
-    chasing = np.abs(errors) > CHASING
     median, p90 = np.degrees(np.percentile(size, [50, 90]))
-    chase_speed = np.percentile(np.abs(speeds[chasing]), [50, 90]) if chasing.any() else (0.0, 0.0)
+    far = np.abs(speeds[np.abs(errors) > CHASING])
+    chase_speed = np.percentile(far, [50, 90]).tolist() if len(far) else (None, None)
     return ChaseFigures(
         median_deg=float(median),
         p90_deg=float(p90),
@@ -193,7 +282,8 @@ def chase_figures(
         encoder_noise_mdeg=1e3 * float(np.degrees(encoder_noise)),
         current_noise_ma=1e3 * current_noise,
         rms_deg=float(np.degrees(np.sqrt(np.mean(errors[moving] ** 2)))),
-        chase_speed=(float(chase_speed[0]), float(chase_speed[1])),
+        chase_speed=chase_speed[0],
+        chase_speed_p90=chase_speed[1],
         max_speed=float(np.abs(speeds).max()),
     )
 

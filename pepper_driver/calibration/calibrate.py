@@ -8,6 +8,12 @@ from typing import Any, Literal
 
 import numpy as np
 
+from pepper_driver.calibration.as_recorded import (
+    ChaseReport,
+    chase_figures,
+    false_contacts,
+    play_chases,
+)
 from pepper_driver.calibration.testbench import (
     HoldEnds,
     hold_errors,
@@ -20,14 +26,21 @@ from pepper_driver.config import (
     HoldStatistics,
     PlantConfig,
     RobotConfig,
+    RobotIdentity,
     TrackingTable,
+    load_plant,
+    plant_hash,
 )
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.workers import Workers
+from pepper_driver.observer import load_shipped
 
 Law = Literal["pd", "integral"]
 Progress = Callable[[float], None]
 """Called with the fraction done, 0..1."""
+
+MEASURED = 0.7
+"""Fraction of a check that ramps and holds take, for the progress."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,6 +94,7 @@ class CalibrationReport:
         plant: Its name.
         law: Whether any of its boards has an integral part.
         measured: By the bench.
+        chases: Under the commands as recorded.
         reference_error: Root mean square error of the integration of motion [rad].
         real_time_factor: Speed of the simulation.
         calibration: What it is compared with, and how.
@@ -89,6 +103,7 @@ class CalibrationReport:
     plant: str
     law: Law
     measured: BenchResult
+    chases: ChaseReport
     reference_error: float
     real_time_factor: float
     calibration: Calibration
@@ -127,7 +142,7 @@ class CalibrationReport:
 
     @property
     def passed(self) -> bool:
-        """True if every limit is kept."""
+        """True if every limit of ramps and holds is kept; the commands as recorded have cells of their own."""
         return all(metric.passed is not False for metric in self.metrics)
 
     def as_json(self) -> dict[str, Any]:
@@ -149,6 +164,7 @@ class CalibrationReport:
             },
             "hold_deg": holds("", lambda f: f.simulated),
             "hold_current_a": holds("current ", lambda f: f.simulated),
+            "as_recorded": self.chases.as_json(),
             "reference_error_mrad": 1e3 * self.reference_error,
             "real_time_factor": self.real_time_factor,
             "hold_factor": holds("", lambda f: f.factor),
@@ -242,6 +258,47 @@ def measure(
     return BenchResult(tables=tables, holds=held)
 
 
+def check_chases(
+    robot: RobotConfig,
+    plant: PlantConfig,
+    calibration: Calibration,
+    *,
+    workers: Workers = -1,
+    progress: Progress | None = None,
+) -> ChaseReport:
+    """Measure a plant under the commands as recorded; arguments as for :func:`measure`.
+
+    The observer has the shipped models of ``nominal``, as on the real robot: they know nothing of this one.
+    """
+    settings, real = calibration.settings, calibration.recordings.chases
+
+    def report_progress(done: int, of: int) -> None:
+        if progress is not None:
+            progress(done / of)
+
+    runs = play_chases(
+        robot,
+        plant,
+        settings.chases,
+        calibration.seed,
+        workers=workers,
+        progress=report_progress,
+    )
+    nominal = load_plant("nominal", robot)
+    identity = RobotIdentity(name=nominal.name, identity=plant_hash(nominal, robot))
+    return ChaseReport(
+        figures={
+            joint: chase_figures(robot, plant, joint, runs, real.stiffness[joint])
+            for joint in settings.chases.joints
+        },
+        false_contacts=false_contacts(
+            robot, runs, load_shipped("fusion", [identity]), plant.response_delay, workers=workers
+        ),
+        real=real,
+        settings=settings,
+    )
+
+
 def check(
     robot: RobotConfig,
     plant: PlantConfig,
@@ -251,6 +308,14 @@ def check(
     progress: Progress | None = None,
 ) -> CalibrationReport:
     """Measure a plant and compare it with the recordings; arguments as for :func:`measure`."""
+
+    def part(begin: float, end: float) -> Progress:
+        def report_progress(fraction: float) -> None:
+            if progress is not None:
+                progress(begin + (end - begin) * fraction)
+
+        return report_progress
+
     speed = real_time_factor(robot, plant)  # first, while nothing else runs
     integration = integration_error(robot, plant)
     measured = measure(
@@ -259,12 +324,14 @@ def check(
         calibration,
         calibration.seed,
         workers=workers,
-        progress=progress,
+        progress=part(0.0, MEASURED),
     )
+    chases = check_chases(robot, plant, calibration, workers=workers, progress=part(MEASURED, 1.0))
     return CalibrationReport(
         plant=plant.name,
         law=law_of(plant),
         measured=measured,
+        chases=chases,
         reference_error=integration,
         real_time_factor=speed,
         calibration=calibration,

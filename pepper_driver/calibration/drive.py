@@ -45,16 +45,11 @@ class DriveValues:
     integral_time: float = inf
 
 
-def torque_constant(robot: RobotConfig, joint: str) -> float:
-    """Torque at the joint by current, N Kt [N m/A]."""
-    return robot.motors.of(joint).torque_constant * robot.motors.joints[joint].ratio
-
-
 def drag(robot: RobotConfig, plant: PlantConfig, joint: str) -> float:
     """Torque that grows with speed: back-EMF and viscous friction of both sides, teeth touching [N m s/rad]."""
     drive = plant.actuator(joint)
     contact, ratio = drive.friction.contact, robot.motors.joints[joint].ratio
-    back_emf = torque_constant(robot, joint) ** 2 / robot.motors.of(joint).resistance
+    back_emf = robot.motors.joint_torque_constant(joint) ** 2 / robot.motors.of(joint).resistance
     viscous = contact.motor_viscous + contact.link_viscous + drive.motor_damping * ratio**2
     return back_emf + viscous
 
@@ -62,7 +57,7 @@ def drag(robot: RobotConfig, plant: PlantConfig, joint: str) -> float:
 def values_of(robot: RobotConfig, plant: PlantConfig, joint: str) -> DriveValues:
     """Return the values that a joint has in a plant."""
     drive = plant.actuator(joint)
-    volts = robot.motors.of(joint).resistance / torque_constant(robot, joint)
+    volts = robot.motors.of(joint).resistance / robot.motors.joint_torque_constant(joint)
     contact = drive.friction.contact
     return DriveValues(
         stiffness=drive.kp / volts,
@@ -108,7 +103,7 @@ def with_values(
 
 
 def _changed(robot: RobotConfig, drive: Actuator, joint: str, values: DriveValues) -> Actuator:
-    volts = robot.motors.of(joint).resistance / torque_constant(robot, joint)
+    volts = robot.motors.of(joint).resistance / robot.motors.joint_torque_constant(joint)
     kp = values.stiffness * volts
     friction, contact = drive.friction, drive.friction.contact
     fraction = values.friction / (contact.motor + contact.link)

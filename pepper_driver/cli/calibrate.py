@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from pepper_driver.calibration.as_recorded import JUDGED, ChaseReport
 from pepper_driver.calibration.calibrate import CalibrationMetric, CalibrationReport, Law, check
 from pepper_driver.calibration.drive import plant_text
 from pepper_driver.calibration.fit import Fitted, fit_integral, fit_pd
@@ -46,6 +48,30 @@ LABELS = {
     "current median": "hold median A",
     "current p90": "hold p90 A",
 }
+CHASE_LABELS = {
+    "median_deg": "hold median deg",
+    "p90_deg": "hold p90 deg",
+    "max_deg": "hold max deg",
+    "short": "ends short",
+    "beyond": "ends beyond",
+    "r2_side": "R2 by side",
+    "r2_gravity": "R2 by gravity",
+    "r2_current": "R2 by current",
+    "droop_deg": "droop deg/(N m)",
+    "gravity_torque": "motor/gravity",
+    "without_current": "no current",
+    "current_onset_ms": "to current ms",
+    "encoder_onset_ms": "to encoder ms",
+    "creep": "current creeps",
+    "encoder_noise_mdeg": "encoder mdeg",
+    "current_noise_ma": "current mA",
+    "rms_deg": "moving rms deg",
+    "chase_speed": "far p50 rad/s",
+    "chase_speed_p90": "far p90 rad/s",
+    "max_speed": "fastest rad/s",
+}
+"""Rows of the commands as recorded; see :class:`~.config.recordings.ChaseFigures`."""
+
 START = {"pd": "nominal", "integral": "integral"}
 """Plant that a fit of each law starts from."""
 
@@ -192,10 +218,52 @@ def _print_report(console: Console, report: CalibrationReport) -> None:
     console.print(
         "target: largest residual, or largest factor between simulated and real either way"
     )
+    _print_chases(console, report.chases)
     console.print(
         f"integration error {1e3 * report.reference_error:.2f} mrad; "
         f"{report.real_time_factor:.1f} times real time on one core, without controller"
     )
+
+
+def _print_chases(console: Console, report: ChaseReport) -> None:
+    """Print every figure under the commands as recorded with the real one in brackets, and what was judged."""
+    table = Table(
+        title="commands as recorded: simulated (real)",
+        title_justify="left",
+        box=None,
+        pad_edge=False,
+    )
+    table.add_column("")
+    for joint in report.figures:
+        # In two lines: six columns in the width of a terminal.
+        table.add_column(re.sub(r"(?<=[a-z])(?=[A-Z][a-z]+$)", "\n", joint), justify="right")
+    for name, label in CHASE_LABELS.items():
+        pairs = [
+            (getattr(found, name), getattr(report.real.figures[joint], name))
+            for joint, found in report.figures.items()
+        ]
+        table.add_row(label, *(f"{_shown(found)} ({_shown(real)})" for found, real in pairs))
+    console.print(table)
+    missed = [f"{cell.joint} {cell.quantity}" for cell in report.cells if not cell.passed]
+    console.print(
+        f"{len(report.cells) - len(missed)} of {len(report.cells)} judged cells hold ({', '.join(JUDGED)})"
+        + (f"; missed: {', '.join(missed)}" if missed else "")
+    )
+    for whose, contacts in (
+        ("simulated", report.false_contacts),
+        ("real", report.real.false_contacts),
+    ):
+        joints = ", ".join(f"{joint} {count}" for joint, count in sorted(contacts.by_joint.items()))
+        console.print(
+            f"false contacts with the shipped models of nominal, {whose}: {contacts.count} in "
+            f"{contacts.minutes:.1f} min, {contacts.per_hour:.0f} an hour: {joints or 'none'}"
+        )
+
+
+def _shown(value: float | None) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.2f}" if abs(value) < 10.0 else f"{value:.0f}"
 
 
 def _row(figure: CalibrationMetric) -> list[str]:

@@ -271,10 +271,8 @@ class ToolCalls(MotionCalls):
             context.robot.keys[names.prefix + names.current.format(joint=joint)]
             for joint in config.joint_names
         ]
-        motors = config.motors
         self._torque_per_ampere = [
-            motors.of(joint).torque_constant * motors.joints[joint].ratio
-            for joint in config.joint_names
+            config.motors.joint_torque_constant(joint) for joint in config.joint_names
         ]
         self._cycles = 0
         self._motion.on_cycle.append(self._notify)

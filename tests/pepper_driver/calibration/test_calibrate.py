@@ -25,7 +25,6 @@ from pepper_driver.calibration.drive import (
     plant_text,
     score,
     targets,
-    torque_constant,
     values_of,
     with_values,
 )
@@ -238,7 +237,7 @@ def modelled_holds(joint: str, values: DriveValues) -> tuple[NDArray[Any], NDArr
     load, share = shares(joint)
     motor = load + values.friction * share
     error = motor / values.stiffness + values.dead_band * np.sign(motor)
-    current = np.abs(motor) / torque_constant(ROBOT, joint)
+    current = np.abs(motor) / ROBOT.motors.joint_torque_constant(joint)
     return error, current * (joint != "RWristYaw")
 
 
