@@ -45,11 +45,17 @@ class DriveValues:
     integral_time: float = inf
 
 
+def torque_constant(robot: RobotConfig, plant: PlantConfig, joint: str) -> float:
+    """Return the torque that reaches a joint by the current of its motor, eta N Kt [N m/A]."""
+    return plant.actuator(joint).efficiency * robot.motors.joint_torque_constant(joint)
+
+
 def drag(robot: RobotConfig, plant: PlantConfig, joint: str) -> float:
     """Torque that grows with speed: back-EMF and viscous friction of both sides, teeth touching [N m s/rad]."""
     drive = plant.actuator(joint)
     contact, ratio = drive.friction.contact, robot.motors.joints[joint].ratio
-    back_emf = robot.motors.joint_torque_constant(joint) ** 2 / robot.motors.of(joint).resistance
+    per_volt = torque_constant(robot, plant, joint) / robot.motors.of(joint).resistance
+    back_emf = per_volt * robot.motors.joint_torque_constant(joint)
     viscous = contact.motor_viscous + contact.link_viscous + drive.motor_damping * ratio**2
     return back_emf + viscous
 
@@ -57,7 +63,7 @@ def drag(robot: RobotConfig, plant: PlantConfig, joint: str) -> float:
 def values_of(robot: RobotConfig, plant: PlantConfig, joint: str) -> DriveValues:
     """Return the values that a joint has in a plant."""
     drive = plant.actuator(joint)
-    volts = robot.motors.of(joint).resistance / robot.motors.joint_torque_constant(joint)
+    volts = robot.motors.of(joint).resistance / torque_constant(robot, plant, joint)
     contact = drive.friction.contact
     return DriveValues(
         stiffness=drive.kp / volts,
@@ -103,8 +109,8 @@ def with_values(
 
 
 def _changed(robot: RobotConfig, drive: Actuator, joint: str, values: DriveValues) -> Actuator:
-    volts = robot.motors.of(joint).resistance / robot.motors.joint_torque_constant(joint)
-    kp = values.stiffness * volts
+    constant = drive.efficiency * robot.motors.joint_torque_constant(joint)
+    kp = values.stiffness * robot.motors.of(joint).resistance / constant
     friction, contact = drive.friction, drive.friction.contact
     fraction = values.friction / (contact.motor + contact.link)
     return replace(

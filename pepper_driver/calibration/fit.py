@@ -28,6 +28,7 @@ from pepper_driver.calibration.drive import (
     scores,
     shown_of,
     targets,
+    torque_constant,
     values_of,
     with_values,
 )
@@ -180,7 +181,7 @@ def start_values(
             values[target.joint] = replace(found, friction=max(found.friction, float(least)))
         elif min(target.holds.current) > 0.0:
             current, error = target.holds.current, (target.holds.median_deg, target.holds.p90_deg)
-            k = robot.motors.joint_torque_constant(target.joint) * np.sqrt(
+            k = torque_constant(robot, plant, target.joint) * np.sqrt(
                 np.prod(current) / np.prod(np.radians(error))
             )
             values[target.joint] = DriveValues(stiffness=float(k), friction=float(k * half))
@@ -346,7 +347,7 @@ def _choose_one(
         candidates,
         measured.holds.error[:, column],
         measured.holds.load[:, column],
-        robot.motors.joint_torque_constant(joint),
+        torque_constant(robot, plant, joint),
     )
     shown = np.zeros(len(candidates))
     if target.table is not None and target.table_joint is not None:

@@ -327,7 +327,7 @@ def _oracle(plant: PlantConfig, cycle: float, robot: RobotConfig, joint: str) ->
     friction = actuator.friction.contact
     parameters = MotorParameters(
         resistance=motor.resistance,
-        torque_constant=motor.torque_constant,
+        torque_constant=actuator.efficiency * motor.torque_constant,
         speed_constant=motor.torque_constant,
         rotor_inertia=motor.rotor_inertia,
         motor_damping=actuator.motor_damping,

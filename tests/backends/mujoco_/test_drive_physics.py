@@ -20,6 +20,7 @@ from support.plant import (
     plain,
     standing,
     stepping,
+    with_drive,
 )
 
 MOTOR, RATIO = ROBOT.motors.of(JOINT), ROBOT.motors.joints[JOINT].ratio
@@ -218,3 +219,90 @@ def test_motors_carry_their_rotor_through_the_gear() -> None:
         assert bench.inertia(bench.motor) == pytest.approx(
             robot.motors.of(name).rotor_inertia * ratio**2, rel=1e-3
         )
+
+
+@pytest.mark.parametrize("efficiency", [1.0, 0.5, 0.34])
+def test_a_gear_that_passes_on_less_takes_more_current_for_the_same_weight(
+    efficiency: float,
+) -> None:
+    """I = tau / (eta N Kt), and the error tau / (eta K): both readings of a recorded droop agree on this."""
+    joint = "RShoulderRoll"
+    smooth = replace(plain().actuator(joint).friction, load=0.0)
+    free = replace(smooth, contact=replace(smooth.contact, motor=0.0, link=0.0))
+    free = replace(free, gap=replace(smooth.gap, motor=0.0, link=0.0))
+    plant = with_drive(plain(), [joint], efficiency=efficiency, friction=free)
+    index = ROBOT.joint_index(joint)
+    posture = STAND.copy()
+    posture[index] = -1.0
+    simulation = standing(plant, posture, settle=400)
+    load = float(simulation.data.qfrc_bias[simulation.model.link_dof[index]])
+    assert abs(load) > 0.5
+    constant = ROBOT.motors.joint_torque_constant(joint)
+    assert simulation.current[index] == pytest.approx(abs(load) / constant / efficiency, rel=0.03)
+    full = plain().actuator(joint).kp * constant / ROBOT.motors.of(joint).resistance
+    assert simulation.boards.stiffness[index] == pytest.approx(efficiency * full)
+    error = posture[index] - simulation.position[index]
+    assert error == pytest.approx(load / (efficiency * full), abs=np.radians(0.1))
+
+
+def test_the_speed_of_a_free_motor_does_not_depend_on_the_efficiency() -> None:
+    """Back-EMF is in the motor, before the gear: at no load w = u / (N Ke)."""
+    speeds = []
+    for efficiency in (1.0, 0.4):
+        bench = Bench(plain(efficiency=efficiency, **FRICTIONLESS))
+        bench.data.ctrl[bench.actuator] = 4.0
+        bench.step(400)
+        speeds.append(float(bench.speeds[0]))
+    np.testing.assert_allclose(speeds, 4.0 / TORQUE_CONSTANT, rtol=0.02)
+
+
+@pytest.mark.parametrize("factor", [1.5, 2.2])
+def test_a_heavier_arm_takes_current_in_proportion(factor: float) -> None:
+    joint = "RShoulderRoll"
+    index = ROBOT.joint_index(joint)
+    links = ("RShoulder", "RBicep", "RElbow", "RForeArm", "r_wrist", "r_gripper")
+    posture = STAND.copy()
+    posture[index] = -1.0
+    loads = []
+    for mass in (1.0, factor):
+        body = replace(plain().body, masses=dict.fromkeys(links, mass))
+        simulation = standing(replace(plain(), body=body), posture)
+        mujoco.mj_forward(simulation.model.mj, simulation.data)
+        loads.append(float(simulation.data.qfrc_bias[simulation.model.link_dof[index]]))
+    # Fingers and thumbs keep their own mass, which is next to nothing.
+    assert loads[1] / loads[0] == pytest.approx(factor, rel=0.02)
+
+
+@pytest.mark.parametrize("lead", [0.002, 0.018])
+def test_a_derivative_on_the_error_leads(lead: float) -> None:
+    """q / x = (Td s + 1) / (J/K s2 + (D/K + Td) s + 1), with Td = kd / kp and s = i w, at 3 Hz."""
+    plant = plain(**FRICTIONLESS, half_gap=1e-4)
+    plant = replace(plant, board=replace(plant.board, encoder_bits=24))
+    kp = plant.actuator(JOINT).kp
+    simulation = standing(with_drive(plant, [JOINT], kd=lead * kp), settle=5)
+    cycle, rate, size = ROBOT.cycle, 2 * np.pi * 3.0, 0.1
+    goal, times, angles = STAND.copy(), [], []
+    for tick in range(1, round(4.0 / cycle) + 1):
+        goal[INDEX] = STAND[INDEX] + size * np.sin(rate * tick * cycle)
+        simulation.cycle(goal, ONE, np.zeros(3), np.ones(3))
+        times.append(tick * cycle)
+        angles.append(float(simulation.position[INDEX] - STAND[INDEX]))
+    late = np.array(times) > 2.0
+    basis = np.exp(-1j * rate * np.array(times))[late]
+    measured = 2j * np.mean(np.array(angles)[late] * basis) / size
+    stiffness = kp * TORQUE_CONSTANT / MOTOR.resistance
+    mass = np.zeros((simulation.model.mj.nv,) * 2)
+    mujoco.mj_fullM(simulation.model.mj, simulation.data, mass)
+    link, motor = simulation.model.link_dof[INDEX], simulation.model.motor_dof[INDEX]
+    inertia = 1 / np.linalg.inv(mass)[link, link] + mass[motor, motor]
+    drag = TORQUE_CONSTANT**2 / MOTOR.resistance
+    s = 1j * rate
+    # The command is a line over each cycle, and the derivative a low-pass of 4 ms.
+    smooth = lead / (1 + s * plant.board.derivative_time)
+    expected = (1 + s * smooth) / (
+        inertia / stiffness * s**2 + (drag / stiffness) * s + s * smooth + 1
+    )
+    assert np.abs(measured - expected) < 0.03
+    without = 1 / (inertia / stiffness * s**2 + drag / stiffness * s + 1)
+    ahead = rate * lead * 0.3  # a third of what the zero at -1 / Td alone would turn it
+    assert np.angle(measured / without) > ahead

@@ -139,3 +139,40 @@ def test_commands_wait_in_line() -> None:
     line.reset(np.full(N, -1.0))
     arrived = [line.send(np.full(N, float(n)))[0] for n in range(6)]
     assert arrived == [-1.0, -1.0, 0.0, 1.0, 2.0, 3.0]
+
+
+def test_a_lost_sample_repeats_the_position_and_does_not_tell() -> None:
+    """Each board loses its own; the fraction is the given one, and the age says nothing."""
+    plant = transported(lost=0.2)
+    encoders = Encoders(ROBOT, plant, np.random.default_rng(0))
+    encoders.reset(np.zeros(N))
+    rows = []
+    for tick in range(1, 2001):
+        rows.append(encoders.read(np.full(N, 10 * COUNT * tick)))
+        assert encoders.age == 0
+    repeated = np.diff(rows, axis=0) == 0.0
+    assert np.mean(repeated) == pytest.approx(0.2, abs=0.01)
+    correlation = np.corrcoef(repeated.T.astype(float))
+    assert np.abs(correlation[~np.eye(N, dtype=bool)]).max() < 0.1
+    caught_up = np.array(rows[1:])[~repeated]
+    expected = np.repeat(10 * COUNT * np.arange(2, 2001)[:, None], N, axis=1)[~repeated]
+    np.testing.assert_allclose(caught_up, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize(("there", "back"), [(1, 1), (5, 1), (5, 2)])
+def test_two_to_seven_ticks_pass_from_command_to_sample(there: int, back: int) -> None:
+    """A step of one joint shows in the encoder after the delay, and not before."""
+    backend = MujocoBackend(ROBOT, transported(command_delay=there, encoder_delay=back))
+    goal = np.clip(backend.open().position, ROBOT.lower, ROBOT.upper)
+    backend.activate()
+    joint = ROBOT.joint_index("HeadYaw")
+    positions = []
+    goal = goal.copy()
+    for tick in range(30):
+        if tick == 10:
+            goal[joint] += 0.2
+        sent = Command(position=goal.copy(), stiffness=np.ones(N), wheel_speed=np.zeros(3))
+        positions.append(backend.exchange(sent).position[joint])
+    moved = int(np.argmax(np.abs(np.array(positions) - positions[9]) > 2 * COUNT))
+    # The cycle in which the board has the new target already moves the joint.
+    assert moved == 10 + there + back

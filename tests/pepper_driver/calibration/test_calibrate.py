@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pepper_driver.calibration import calibrate, fit
+from pepper_driver.calibration.as_recorded import ChaseReport
 from pepper_driver.calibration.calibrate import (
     BenchResult,
     CalibrationMetric,
@@ -285,6 +286,12 @@ def report(**changes: Any) -> CalibrationReport:
         "plant": "made-up",
         "law": "pd",
         "measured": model_bench(ROBOT, NOMINAL, REAL, 0, progress=lambda share: None),
+        "chases": ChaseReport(
+            figures=REAL.recordings.chases.figures,
+            false_contacts=REAL.recordings.chases.false_contacts,
+            real=REAL.recordings.chases,
+            settings=REAL.settings,
+        ),
         "reference_error": 0.25e-3,
         "real_time_factor": 12.0,
         "calibration": REAL,
@@ -350,7 +357,12 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> Callable[[list[str]], int]:
     small = replace(
         REAL,
         recordings=replace(REAL.recordings, tables=tables),
-        settings=replace(REAL.settings, ramps=short, fit_count=2),
+        settings=replace(
+            REAL.settings,
+            ramps=short,
+            fit_count=2,
+            chases=replace(REAL.settings.chases, count=2, move=(0.2, 0.3), hold=0.7),
+        ),
         holds=replace(REAL.holds, count=2, move=0.2, hold=0.1),
     )
     monkeypatch.setattr(command, "load_calibration", lambda robot: small)
@@ -373,6 +385,10 @@ def test_check_measures_and_writes_figures(
     assert "RWristYaw" in shown
     assert "pass" in shown
     assert "in simulation" in shown
+    assert "commands as recorded" in shown
+    assert "of 20 judged cells hold" in shown
+    assert "87 in 4.0 min, 1313 an hour" in shown
+    assert len(content["as_recorded"]["cells"]) == 20
 
 
 @pytest.mark.parametrize("law", ["pd", "integral"])
