@@ -410,7 +410,7 @@ def as_recording(robot: RobotConfig, run: GoalRun, model: RobotModel, delay: int
     still, upright = np.zeros((n, 3)), np.tile([0.0, 0.0, 9.81], (n, 1))
     return Recording(
         joint_names=robot.joint_names,
-        time=cycle * np.arange(1, n + 1),
+        time=cycle * np.arange(1.0, n + 1.0),
         age=run.age[delay:],
         sent_position=command,
         stiffness=np.ones_like(command),

@@ -94,7 +94,11 @@ def made_up(
     stand = ROBOT.posture("Stand")
     move, wait = 40, 167
     goals = rng.uniform(0.1, 1.5, count)
-    rows, off, currents, begins, ends = [], [], [], [], []
+    rows: list[float] = []
+    off: list[float] = []
+    currents: list[float] = []
+    begins: list[int] = []
+    ends: list[int] = []
     here = stand[INDEX]
     for number, goal in enumerate(goals):
         posture = stand.copy()
@@ -235,7 +239,7 @@ def small_bench(name: str, count: int = 20) -> tuple[Any, Any]:
 
 def test_the_side_explains_less_on_the_recorded_plant_and_gravity_takes_more() -> None:
     """Twenty goals are enough to tell it from nominal; how near it comes is measured by `pepper calibrate --check`."""
-    found = {}
+    found: dict[str, list[Any]] = {}
     for name in ("nominal", "recorded"):
         plant, runs = small_bench(name)
         found[name] = [
