@@ -165,12 +165,6 @@ class BoardTargets(Resumable):
         self._plan, self._let_stray = plan_cycle.load(), let_stray.load()
         self.reset(np.zeros(n), 0)
 
-    @property
-    def position(self) -> FloatArray:
-        """Where the targets are, without what the boards are off from them [rad]."""
-        position: FloatArray = self._targets["position"].copy()
-        return position
-
     def reset(self, posture: FloatArray, seed: int) -> None:
         """Be at rest at ``posture`` [rad], with the random sequence of a seed to come."""
         sequence = np.random.SeedSequence(seed, spawn_key=(TARGET_STREAM,))
