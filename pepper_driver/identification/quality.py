@@ -217,7 +217,7 @@ def _flat_current(name: str, run: Recording, joint: str) -> list[Finding]:
 
 
 def _smooth(values: FloatArray) -> FloatArray:
-    """Running median of FLAT_WINDOW samples, without those at both ends."""
+    """Return the running median of FLAT_WINDOW samples, without those at both ends."""
     windows = np.lib.stride_tricks.sliding_window_view(values, FLAT_WINDOW)
     smoothed: FloatArray = np.median(windows, axis=1)
     return smoothed
