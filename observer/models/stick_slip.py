@@ -26,7 +26,7 @@ from pepper_driver.config.kernels import Out, Records, kernel, make_records
 from pepper_driver.config.loading import STRICT
 
 MIN_TRANSPORT, MAX_TRANSPORT = -3.0, 2.0
-"""[ticks] A board with a derivative of time T on its error answers as if the command came T earlier, and with a lag that
+"""[ticks] A board with a derivative of time T on its error answers as if the command came T earlier, with a lag that
 is T longer: its part of the command extrapolates it. 18 ms are one tick and a half."""
 
 

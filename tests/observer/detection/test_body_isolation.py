@@ -117,7 +117,7 @@ def test_a_touch_on_the_remnant_of_another_is_told() -> None:
     events = player.play(30, LShoulderRoll=5.0, LElbowRoll=4.0)
     events += player.play(round(2.0 / CYCLE), **remnant)
     begin = player.k
-    events += player.play(30, LShoulderRoll=3.0, LElbowRoll=1.3)
+    events += player.play(30, LShoulderRoll=2.8, LElbowRoll=1.3)
     events += player.play(QUIET)
     lives = [(event.id, event.phase) for event in events if event.phase != "update"]
     assert lives == [(1, "begin"), (1, "end"), (2, "begin"), (2, "end")]
@@ -126,7 +126,7 @@ def test_a_touch_on_the_remnant_of_another_is_told() -> None:
     assert second.time == second.detection_time == pytest.approx(begin * CYCLE)
     assert second.onset_time == pytest.approx(begin * CYCLE, abs=1.1 * CYCLE)
     threshold = THRESHOLDS[ROBOT.joint_index("LShoulderRoll")]
-    assert second.intensity_deg == pytest.approx(math.degrees(3.0 * threshold))
+    assert second.intensity_deg == pytest.approx(math.degrees(2.8 * threshold))
     check_lives(events)
 
 
