@@ -603,7 +603,9 @@ class FusionGenerator:
             self._learn_hands(use, prediction, residual)
         if self._count % LEARN_PERIOD == 0:
             other = np.zeros(n) if self._hands is None else self._hands.variance()
-            self._adaptation.update(residual, self._effects(prediction), other, quiet)
+            # A joint at rest shows none of its constants: friction may hold it anywhere within its band.
+            moving = quiet & ~resting
+            self._adaptation.update(residual, self._effects(prediction), other, moving)
             self._predictor.adopt(self._adaptation.deviation)
 
     def _learn_hands(self, use: BoolArray, prediction: Prediction, residual: FloatArray) -> None:
