@@ -30,6 +30,7 @@ from pepper_driver.observer.interface import (
     JointState,
     Observation,
 )
+from pepper_driver.observer.models.fusion_model import MotorTorque
 from pepper_driver.observer.models.tree import CartTree
 from pepper_driver.observer.residuals.prediction import MAX_LATE_TICKS
 from support.examples import examples
@@ -144,7 +145,9 @@ LIMIT = 0.05
 
 @pytest.mark.parametrize("source", ["current", "voltage"])
 @pytest.mark.parametrize("torque", [9.0, -9.0])
-def test_torque_is_no_more_than_motor_friction_and_load_oppose(torque: float, source: str) -> None:
+def test_torque_is_no_more_than_motor_friction_and_load_oppose(
+    torque: float, source: MotorTorque
+) -> None:
     """Its board gives 5 N m: a hand of 9 N m moves the joint far from its goal, where K e would be hundreds of N m."""
     motion = standing(4.0, load=1.0)
     push = push_profile(len(motion), 1.0, 1.5, torque)
