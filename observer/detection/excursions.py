@@ -152,7 +152,7 @@ class Excursion:
 
 
 class _Remnant:
-    """What remains of the residual above the threshold when a hand has left.
+    """Remnant of a touch: residual that stays above the threshold when the hand has left.
 
     Attributes:
         since: When it became constant [s].
