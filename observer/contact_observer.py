@@ -267,6 +267,12 @@ def _make_generator(
             adapt=adapt,
             hands=HandLoads(robot, fusion) if adapt else None,
             base=base,
+            motor_torque=np.array(
+                [
+                    robot.motors.of(name).stall_torque * robot.motors.joints[name].ratio
+                    for name in robot.joint_names
+                ]
+            ),
         )
         return generator, window
     trees = [model if isinstance(model, CartTree | AffineTree) else None for model in of_joint]

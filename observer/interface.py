@@ -55,7 +55,8 @@ class Contact:
         direction: Sign of the external torque on the joint, in the joint's positive sense: minus the sign of the
             residual r = eps - eps_exp.
         intensity_deg: Largest size of the residual so far [deg]; 0 where only the wheels detect it.
-        torque: External torque estimate on the joint [N m], signed; None where no estimate exists.
+        torque: External torque estimate on the joint [N m], signed, at most what motor, friction and load can oppose;
+            None where no estimate exists.
         torque_std: Its standard deviation [N m]; None where no estimate exists.
         onset_time: Clock of the robot when the residual began to leave its free-motion band [s].
         detection_time: When the contact was first reported [s].

@@ -93,6 +93,7 @@ class BodyTracker:
       and keeps its id.
     - A contact becomes a ``collision`` when a residual exceeds ``collision_factor`` times its threshold.
     - A limb that swings back after its contact causes a ``rebound``, with an id of its own.
+    - A touch that begins on the remnant of another (:class:`JointMonitor`) ends that contact and begins one.
 
     Args:
         robot: Its description.
@@ -213,6 +214,18 @@ class BodyTracker:
             end = time if contact.fall_time is None else contact.fall_time
             self._end(limb, contact, end, time, events)
             contact = None
+        second = [e for e in over if e.previous_end is not None and e.begin_time == time]
+        if contact is not None and second:
+            ends = [e.previous_end for e in second if e.previous_end is not None]
+            self._end(limb, contact, min(ends), time, events)
+            for excursion in live:
+                if excursion not in second:
+                    # What they have shown was of the first touch.
+                    excursion.peak = 0.0
+                    if excursion.kind == "collision":
+                        excursion.kind = "contact"
+            self._begin(limb, second, time, events)
+            return
         if contact is None:
             if over:
                 self._begin(limb, touching or over, time, events)

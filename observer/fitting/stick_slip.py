@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.kernels import make_records
-from pepper_driver.observer.models.stick_slip import PARAMETERS, StickSlipModel, StickSlipParameters
+from pepper_driver.observer.models.stick_slip import (
+    MAX_TRANSPORT,
+    MIN_TRANSPORT,
+    PARAMETERS,
+    StickSlipModel,
+    StickSlipParameters,
+)
 from pepper_driver.observer.recording import Recording
 
 START_UP_TIME = 0.6
@@ -36,24 +43,58 @@ _REQUIRED = tuple(name for name in PARAMETERS if name not in ("integral_rate", "
 
 @dataclass(frozen=True)
 class _Range:
+    """Range of a constant; ``natural`` where joints may well have the lower bound itself."""
+
     lower: float
     upper: float
     start: float
     scale: float
+    natural: bool = False
 
 
 _RANGES = {
-    "inertia": _Range(0.0, 0.05, 5e-4, 5e-4),
+    "inertia": _Range(0.0, 0.05, 5e-4, 5e-4, natural=True),
     "lag": _Range(0.0, 0.3, 0.03, 0.02),
-    "friction": _Range(0.0, 0.1, 0.008, 0.005),
-    "load_friction": _Range(0.0, 0.5, 0.02, 0.05),
-    "breakaway": _Range(1.0, 2.0, 1.1, 0.1),
+    "friction": _Range(0.0, 0.1, 0.008, 0.005, natural=True),
+    "load_friction": _Range(0.0, 0.5, 0.02, 0.05, natural=True),
+    "breakaway": _Range(1.0, 2.0, 1.1, 0.1, natural=True),
     "load_gain": _Range(1e-4, 5.0, 0.008, 0.005),
     "offset": _Range(-0.03, 0.03, 0.0, 0.002),
-    "dead_band": _Range(0.0, 0.02, 0.001, 0.002),
-    "integral_rate": _Range(0.02, 3.0, 0.1, 0.1),
-    "transport": _Range(-1.0, 2.0, 0.0, 0.3),
+    "dead_band": _Range(0.0, 0.02, 0.001, 0.002, natural=True),
+    "integral_rate": _Range(0.02, 3.0, 0.1, 0.1, natural=True),
+    "transport": _Range(MIN_TRANSPORT, MAX_TRANSPORT, 0.0, 0.3),
 }
+
+
+AT_BOUND = 0.05
+"""Distance from a bound, in units of the scales above, within which a constant counts as there."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoundedConstant:
+    """Constant that the fit would have moved further.
+
+    Attributes:
+        name: Of the constant.
+        bound: Where it stopped.
+        side: Which bound this is.
+    """
+
+    name: str
+    bound: float
+    side: Literal["lower", "upper"]
+
+
+def bounded_constants(parameters: StickSlipParameters) -> tuple[BoundedConstant, ...]:
+    """Return the constants at a bound of the fit that is no natural value: the model then lacks something."""
+    found = []
+    for name, r in _RANGES.items():
+        value, near = getattr(parameters, name), AT_BOUND * r.scale
+        if value >= r.upper - near:
+            found.append(BoundedConstant(name=name, bound=r.upper, side="upper"))
+        elif value <= r.lower + near and not r.natural:
+            found.append(BoundedConstant(name=name, bound=r.lower, side="lower"))
+    return tuple(found)
 
 
 class _Runs:

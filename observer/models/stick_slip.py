@@ -25,6 +25,10 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.kernels import Out, Records, kernel, make_records
 from pepper_driver.config.loading import STRICT
 
+MIN_TRANSPORT, MAX_TRANSPORT = -3.0, 2.0
+"""[ticks] A board with a derivative of time T on its error answers as if the command came T earlier, with a lag that
+is T longer: its part of the command extrapolates it. 18 ms are one tick and a half."""
+
 
 class StickSlipError(PepperError, ValueError):
     """Invalid parameters of a stick-slip model."""
@@ -44,7 +48,8 @@ class StickSlipParameters:
         offset: Constant part of the load [rad].
         dead_band: Error that the motor board ignores [rad].
         integral_rate: ki / kp of the motor board [1/s].
-        transport: Ticks by which the response is later than the backend reports, earlier if negative; -1 to 2.
+        transport: Ticks by which the response is later than the backend reports, earlier if negative; MIN_TRANSPORT to
+            MAX_TRANSPORT.
     """
 
     # For reading from files: strict types, no unknown key.
@@ -67,8 +72,10 @@ class StickSlipParameters:
         for name in ("inertia", "lag", "friction", "load_friction", "dead_band", "integral_rate"):
             if getattr(self, name) < 0.0:
                 raise StickSlipError(f"'{name}' is negative")
-        if self.load_gain <= 0.0 or self.breakaway < 1.0 or not -1.0 <= self.transport <= 2.0:
-            raise StickSlipError("load_gain above 0, breakaway of 1 or more, transport of -1 to 2")
+        if self.load_gain <= 0.0 or self.breakaway < 1.0:
+            raise StickSlipError("load_gain above 0, breakaway of 1 or more")
+        if not MIN_TRANSPORT <= self.transport <= MAX_TRANSPORT:
+            raise StickSlipError(f"transport of {MIN_TRANSPORT:g} to {MAX_TRANSPORT:g}")
 
     @property
     def stiffness(self) -> float:
@@ -120,7 +127,7 @@ def step_stick_slip(
     """Step the state ``j`` by one tick with the constants ``i``: position sent [rad], desired load torque [N m]."""
     p, state = constants[i], states[j]
     # The target at the time of the response, between two ticks. A response that is earlier than reported belongs to a
-    # target that was not sent yet: it is extrapolated.
+    # target that was not sent yet, or to a board with a derivative: the target is extrapolated.
     before, older = state.sent, state.sent_before
     target = sent + min(p.transport, 1.0) * (before - sent)
     target += max(p.transport - 1.0, 0.0) * (older - before)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from pepper_driver.observer.detection.threshold import (
 )
 from pepper_driver.observer.interface import MIN_OBSERVED_STIFFNESS, HandLoad, Residuals
 from pepper_driver.observer.models.fusion_model import FusionModel
+from pepper_driver.observer.models.stick_slip import stick_slip_constants
 from pepper_driver.observer.residuals.adaptation import (
     LEARN_PERIOD,
     MIN_MOVING_TICKS,
@@ -40,7 +42,7 @@ from pepper_driver.observer.residuals.prediction import (
     Prediction,
     update_integral,
 )
-from pepper_driver.observer.running_filters import RunningMedian
+from pepper_driver.observer.running_filters import RunningMaximum, RunningMedian
 
 FRICTION_RATIO = 0.5
 """Fraction of the reversed friction that counts as external torque: gears keep some of it."""
@@ -59,6 +61,11 @@ class TorqueState:
         stiffness: K [N m/rad], NaN for a joint without a model.
         friction: F / K [rad].
         spread: Standard deviation of the residual in free motion [rad].
+        offset: Constant part of the load [rad].
+        held: Friction at rest / K without load [rad].
+        held_per_load: Its increase with the size of the load [rad/rad].
+        torque_per_ampere: Motor torque / K per current [rad/A]; 0 where the current does not show it.
+        motor_torque: Largest that the motor can give [N m].
         slip: Friction that acts, while it reverses [rad].
         residual: In the last tick [rad].
     """
@@ -66,8 +73,28 @@ class TorqueState:
     stiffness: float
     friction: float
     spread: float
+    offset: float
+    held: float
+    held_per_load: float
+    torque_per_ampere: float
+    motor_torque: float
     slip: float
     residual: float
+
+
+@kernel
+def _bounded_torque(
+    states: Records[TorqueState], j: int, torque: float, load_torque: float, current: float
+) -> float:
+    """Return the external torque [N m], at most as large as motor, friction and load [N m] can oppose."""
+    state = states[j]
+    motor = state.motor_torque
+    if state.torque_per_ampere > 0.0:
+        motor = min(motor, state.stiffness * state.torque_per_ampere * current)
+    load = load_torque + state.stiffness * state.offset
+    opposed = motor + state.stiffness * state.held + state.held_per_load * abs(load)
+    # Never further from 0: a current that does not carry the load is no evidence of a hand.
+    return min(max(torque, min(load - opposed, 0.0)), max(load + opposed, 0.0))
 
 
 @kernel
@@ -76,6 +103,8 @@ def _estimate_torque(
     residual: FloatArray,
     friction: FloatArray,
     threshold: FloatArray,
+    load_torque: FloatArray,
+    current: FloatArray,
     torque: Out[FloatArray],
     torque_std: Out[FloatArray],
 ) -> None:
@@ -91,7 +120,8 @@ def _estimate_torque(
             uncertain = FRICTION_RATIO * state.friction
         else:
             state.slip = friction[j]
-        torque[j] = state.stiffness * (reversed_part - residual[j])
+        estimate = state.stiffness * (reversed_part - residual[j])
+        torque[j] = _bounded_torque(states, j, estimate, load_torque[j], current[j])
         torque_std[j] = state.stiffness * math.hypot(state.spread, uncertain)
 
 
@@ -101,24 +131,62 @@ class TorqueEstimate:
     A push on a joint also reverses its friction, which then acts against the push. The friction reverses with the
     motion that the residual shows (Dahl's model).
 
+    -K r is the torque that a board without limits would have given. Once a motor board gives no more, the joint is
+    moved by any torque beyond it, and r no longer shows how large this is. The estimate is therefore at most what can
+    oppose a hand: the torque of the motor, friction, and the load. The current shows the torque of the motor, where
+    identification found that it does; in any case it is at most the documented one.
+
     Args:
-        stiffness: (n,) K [N m/rad], NaN for joints without a model.
-        friction: (n,) F / K [rad].
+        models: By joint, None for those without.
+        cycle: Period of the ticks [s].
+        window: Samples of the median of the residual.
         spread: (n,) standard deviation of the residual in free motion [rad].
+        motor_torque: (n,) largest torque of the motors, at the joints [N m]; infinite where it is unknown.
     """
 
-    def __init__(self, stiffness: FloatArray, friction: FloatArray, spread: FloatArray) -> None:
+    def __init__(
+        self,
+        models: Sequence[FusionModel | None],
+        cycle: float,
+        *,
+        window: int,
+        spread: FloatArray,
+        motor_torque: FloatArray | float = math.inf,
+    ) -> None:
+        twins = stick_slip_constants([None if m is None else m.twin for m in models])
         self._states = make_records(
-            TorqueState, len(spread), stiffness=stiffness, friction=friction, spread=spread
+            TorqueState,
+            len(models),
+            stiffness=1.0 / twins["load_gain"],
+            friction=twins["friction"],
+            spread=spread,
+            offset=twins["offset"],
+            held=twins["breakaway"] * twins["friction"],
+            held_per_load=twins["breakaway"] * twins["load_friction"],
+            torque_per_ampere=[
+                0.0 if m is None or m.momentum.source != "current" else m.momentum.torque_per_ampere
+                for m in models
+            ],
+            motor_torque=motor_torque,
         )
+        self._memory = window * cycle
+        self._cycle = cycle
         self._estimate = _estimate_torque.load()
+        self.reset()
 
     def reset(self) -> None:
         """Forget the previous ticks."""
         self._states["slip"], self._states["residual"] = 0.0, 0.0
+        # The residual is filtered: the current that belongs to it may be over.
+        self._currents = RunningMaximum(self._memory, self._cycle, len(self._states))
 
     def step(
-        self, residual: FloatArray, friction: FloatArray, threshold: FloatArray
+        self,
+        residual: FloatArray,
+        friction: FloatArray,
+        threshold: FloatArray,
+        load_torque: FloatArray,
+        current: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
         """Take in one tick.
 
@@ -126,12 +194,23 @@ class TorqueEstimate:
             residual: (n,) [rad].
             friction: (n,) friction of the joints without touch, over K [rad].
             threshold: (n,) of a contact [rad].
+            load_torque: (n,) desired [N m].
+            current: (n,) measured, without its sign [A].
 
         Returns:
             (n,) external torque and its standard deviation [N m].
         """
         torque, torque_std = np.empty(len(residual)), np.empty(len(residual))
-        self._estimate(self._states, residual, friction, threshold, torque, torque_std)
+        self._estimate(
+            self._states,
+            residual,
+            friction,
+            threshold,
+            load_torque,
+            self._currents.push(np.abs(current)),
+            torque,
+            torque_std,
+        )
         return torque, torque_std
 
 
@@ -276,6 +355,7 @@ class FusionGenerator:
         adapt: True to adapt the constants of the joints.
         hands: Estimate of the loads of the hands, None for no such estimate.
         base: Residual of the base, None without a model of it.
+        motor_torque: (n,) largest torque of the motors, at the joints [N m].
     """
 
     def __init__(
@@ -287,6 +367,7 @@ class FusionGenerator:
         adapt: bool,
         hands: HandLoads | None = None,
         base: BaseGenerator | None = None,
+        motor_torque: FloatArray | float = math.inf,
     ) -> None:
         self._cycle, self._window, self._adapt = cycle, window, adapt
         self._hands = hands if adapt else None
@@ -309,8 +390,9 @@ class FusionGenerator:
         self._adaptation = Adaptation(
             [None if m is None else m.twin for m in models], spread, cycle
         )
-        identified = self._predictor.identified
-        self._torque = TorqueEstimate(1.0 / identified["load_gain"], identified["friction"], spread)
+        self._torque = TorqueEstimate(
+            models, cycle, window=window, spread=spread, motor_torque=motor_torque
+        )
         self._median = RunningMedian(window, len(models))
         self._check_inputs, self._fuse = _check_inputs.load(), _fuse.load()
         self._judge = _judge.load()
@@ -366,6 +448,7 @@ class FusionGenerator:
             target, measured = self._replace_invalid(target, measured)
             load_torque = _zero_invalid(load_torque)
             velocity, acceleration = _zero_invalid(velocity), _zero_invalid(acceleration)
+            current = _zero_invalid(current)
         if self._hands is not None:
             load_torque = load_torque + self._hands.step(measured, velocity, acceleration)
         self._predictor.step(target, load_torque, velocity, acceleration, measured)
@@ -385,7 +468,9 @@ class FusionGenerator:
         threshold = self._threshold.step(
             velocity, acceleration, limited, self._prediction_std, self._unsettled()
         )
-        torque, torque_std = self._torque.step(filtered, prediction.friction, threshold)
+        torque, torque_std = self._torque.step(
+            filtered, prediction.friction, threshold, prediction.load_torque, current
+        )
         expected_error = prediction.target - prediction.position + prediction.remainder
         if np.count_nonzero(blind):
             for values in (expected_error, filtered, threshold, torque, torque_std):
@@ -518,7 +603,9 @@ class FusionGenerator:
             self._learn_hands(use, prediction, residual)
         if self._count % LEARN_PERIOD == 0:
             other = np.zeros(n) if self._hands is None else self._hands.variance()
-            self._adaptation.update(residual, self._effects(prediction), other, quiet)
+            # A joint at rest shows none of its constants: friction may hold it anywhere within its band.
+            moving = quiet & ~resting
+            self._adaptation.update(residual, self._effects(prediction), other, moving)
             self._predictor.adopt(self._adaptation.deviation)
 
     def _learn_hands(self, use: BoolArray, prediction: Prediction, residual: FloatArray) -> None:

@@ -1,4 +1,4 @@
-"""Quality of recordings for fitting: excitation, touches, currents at their limit, gaps."""
+"""Quality of recordings for fitting: excitation, touches, currents at their limit, gaps, constants at their bounds."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from pepper_driver.config import load_observer_settings
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.identification.dataset import IdentificationDataset, JointDataset
 from pepper_driver.identification.runs import run_name
-from pepper_driver.observer import JointModel, Recording
+from pepper_driver.observer import FusionModel, JointModel, Recording
 from pepper_driver.observer.fitting.bounds import free_residual
+from pepper_driver.observer.fitting.stick_slip import bounded_constants
 from pepper_driver.observer.recording import STALE_AGE
 
-Kind = Literal["excitation", "contact", "current", "gaps", "stale", "limited"]
+Kind = Literal["excitation", "contact", "current", "gaps", "stale", "limited", "bound"]
 
 MIN_RANGE = 0.1
 """[rad] Smallest range of a joint's motion: less is close to the errors that must be detected."""
@@ -55,13 +56,40 @@ FLAT_TOP = (0.02, 0.02)
 """Fraction of the maximum, and [A]: both still count as at the maximum."""
 
 LEAST_DRIFT = np.radians(0.3)
-"""[rad] by which the tracking error changes while a current is clipped."""
+"""[rad] by which the tracking error grows, beyond what the speed explains, while a current is clipped."""
 
 FLAT_WINDOW = 5
 """Samples of the running median that takes the noise off a current first."""
 
 MIN_LEVELS = 30
 """Different values a current must show before its shape says anything: small motors show a few steps of the sensor."""
+
+BOUND_CAUSES = {
+    (
+        "transport",
+        "lower",
+    ): "the joint answers earlier than the backend reports; is the delay right?",
+    ("transport", "upper"): "the joint answers later than the backend reports; is the delay right?",
+    ("lag", "lower"): "the joint does not lag at all, its board leads",
+    (
+        "lag",
+        "upper",
+    ): "the joint falls far behind, as where its speed is limited; use a slower motion",
+    (
+        "offset",
+        "lower",
+    ): "a load that the robot's description does not have, or an encoder that is off",
+    (
+        "offset",
+        "upper",
+    ): "a load that the robot's description does not have, or an encoder that is off",
+    ("load_gain", "lower"): "neither load nor current shows how stiff its board is",
+    ("load_gain", "upper"): "neither load nor current shows how stiff its board is",
+}
+"""Likely causes of a constant at a bound, by its name and the side."""
+
+BOUND_CAUSE = "the model does not describe this joint, or the motion is too uniform"
+"""For the other ones."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,6 +125,8 @@ def inspect_recordings(
         for name, run in zip(entry.names, entry.runs, strict=True):
             found.extend(_holes(name, run, entry.joint))
             found.extend(_flat_current(name, run, entry.joint))
+        if entry.estimation and entry.joint in models:
+            found.extend(_constants(entry.joint, models[entry.joint]))
         if entry.joint in models:
             found.extend(_bursts(entry.joint, entry.names, entry.runs, models[entry.joint]))
     runs = recordings.calibration
@@ -161,24 +191,48 @@ def _holes(name: str, run: Recording, joint: str | None) -> list[Finding]:
 def _flat_current(name: str, run: Recording, joint: str) -> list[Finding]:
     """Return a current that stays at its maximum while the joint shall move: the board gives no more."""
     index = run.joint_names.index(joint)
-    current, half = run.current[:, index], FLAT_WINDOW // 2
-    if len(np.unique(current)) < MIN_LEVELS or len(current) < FLAT_WINDOW:
+    if len(np.unique(run.current[:, index])) < MIN_LEVELS or len(run) < FLAT_WINDOW:
         return []
-    smooth = np.median(np.lib.stride_tricks.sliding_window_view(current, FLAT_WINDOW), axis=1)
-    top = float(smooth.max())
-    moving = np.abs(run.velocity[half : half + len(smooth), index]) > MIN_MOVING_SPEED
-    flat = moving & (smooth >= top - max(FLAT_TOP[0] * top, FLAT_TOP[1]))
-    begin, end = _longest(flat)
+    current, error = _smooth(run.current[:, index]), _smooth(run.tracking_error(index))
+    half = FLAT_WINDOW // 2
+    velocity = run.velocity[half : half + len(current), index]
+    moving = np.abs(velocity) > MIN_MOVING_SPEED
+    top = float(current.max())
+    high = current >= top - max(FLAT_TOP[0] * top, FLAT_TOP[1])
+    begin, end = _longest(moving & high)
     seconds = (end - begin) * float(np.median(np.diff(run.time)))
     if seconds < FLAT_TIME:
         return []
-    # At a constant velocity current and error are both constant; a motor board at its limit lets the error grow.
-    error = run.tracking_error(index)
-    settled = np.median(np.lib.stride_tricks.sliding_window_view(error, FLAT_WINDOW), axis=1)
-    if np.ptp(settled[begin:end]) < LEAST_DRIFT:
+    # Load and friction may well keep a current constant. But a board below its limit relates error, current and speed,
+    # whatever the friction: then the error follows the speed, and an integral part makes it smaller. At its limit it
+    # grows beyond that.
+    law = np.stack((current, velocity * np.sign(error), np.ones(len(current))), axis=1)
+    below = moving & ~high
+    coefficients = np.linalg.lstsq(law[below], np.abs(error[below]), rcond=None)[0]
+    beyond = (np.abs(error) - law @ coefficients)[begin:end]
+    if np.max(beyond - np.minimum.accumulate(beyond)) < LEAST_DRIFT:
         return []
     text = f"its current stays at {top:.2f} A for {seconds:.1f} s: clipped, the joint cannot follow"
     return [Finding(kind="current", joint=joint, run=name, text=text)]
+
+
+def _smooth(values: FloatArray) -> FloatArray:
+    """Return the running median of FLAT_WINDOW samples, without those at both ends."""
+    windows = np.lib.stride_tricks.sliding_window_view(values, FLAT_WINDOW)
+    smoothed: FloatArray = np.median(windows, axis=1)
+    return smoothed
+
+
+def _constants(joint: str, model: JointModel) -> list[Finding]:
+    """Find constants of a stick-slip model that would have gone further than the fit lets them."""
+    if not isinstance(model, FusionModel):
+        return []
+    found = []
+    for at in bounded_constants(model.twin):
+        cause = BOUND_CAUSES.get((at.name, at.side), BOUND_CAUSE)
+        text = f"constant '{at.name}' of its model is at its bound of {at.bound:g}: {cause}"
+        found.append(Finding(kind="bound", joint=joint, run=None, text=text))
+    return found
 
 
 def _longest(flags: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> tuple[int, int]:

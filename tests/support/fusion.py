@@ -162,6 +162,8 @@ def drive(
     torque: FloatArray | float = 0.0,
     start: float | None = None,
     steps: int = 60,
+    derivative: float = 0.0,
+    limit: float = np.inf,
 ) -> Driven:
     """Coulomb friction with breakaway, explicit, in steps of 0.2 ms; commands and loads run straight between ticks.
 
@@ -171,6 +173,8 @@ def drive(
         torque: From outside, by tick [N m].
         start: Where it stands at first [rad], by default at its goal.
         steps: In a tick.
+        derivative: Time of the derivative that the board adds to its error [s].
+        limit: Largest torque / K that the board gives, back-EMF taken off [rad].
     """
     gain, h = parameters.load_gain, CYCLE / steps
     outside = np.broadcast_to(torque, len(motion))
@@ -189,7 +193,8 @@ def drive(
             load = gain * (load_then + part * (load_now - load_then)) + parameters.offset
             hand = gain * (outside_then + part * (outside_now - outside_then))
             size = parameters.friction + parameters.load_friction * abs(load)
-            motor = pull + integral - parameters.lag * v
+            lead = derivative * ((goal_now - goal_then) / CYCLE - v)
+            motor = min(max(pull + lead + integral - parameters.lag * v, -limit), limit)
             net = motor - load + hand
             integral += h * parameters.integral_rate * pull
             if sticks:

@@ -110,6 +110,26 @@ def test_a_touch_on_one_joint() -> None:
     assert player.tracker.idle
 
 
+def test_a_touch_on_the_remnant_of_another_is_told() -> None:
+    """The first one hangs just above two thresholds for two seconds."""
+    player = Player()
+    remnant = {"LShoulderRoll": 1.2, "LElbowRoll": 1.3}
+    events = player.play(30, LShoulderRoll=5.0, LElbowRoll=4.0)
+    events += player.play(round(2.0 / CYCLE), **remnant)
+    begin = player.k
+    events += player.play(30, LShoulderRoll=2.8, LElbowRoll=1.3)
+    events += player.play(QUIET)
+    lives = [(event.id, event.phase) for event in events if event.phase != "update"]
+    assert lives == [(1, "begin"), (1, "end"), (2, "begin"), (2, "end")]
+    second = next(event for event in events if event.id == 2)
+    assert (second.kind, second.joint) == ("contact", "LShoulderRoll")
+    assert second.time == second.detection_time == pytest.approx(begin * CYCLE)
+    assert second.onset_time == pytest.approx(begin * CYCLE, abs=1.1 * CYCLE)
+    threshold = THRESHOLDS[ROBOT.joint_index("LShoulderRoll")]
+    assert second.intensity_deg == pytest.approx(math.degrees(2.8 * threshold))
+    check_lives(events)
+
+
 def test_joints_beyond_the_hand_are_shaken_but_less() -> None:
     weak, strong = 0.8 * RELATIVE_RATIO * 10.0, 1.2 * RELATIVE_RATIO * 10.0
     assert weak > 1.0

@@ -259,6 +259,80 @@ def test_a_residual_that_has_moved_is_constant_from_then_on() -> None:
     assert player.play(2.0, STUCK + 2).index(SETTLING) == pytest.approx(STUCK, abs=1)
 
 
+def hanging(value: float = 1.2) -> Settler:
+    """A monitor of a joint whose residual hangs above its threshold after a touch, beyond the friction band."""
+    player = Settler()
+    player.play(4.0, 20, band=0.0)
+    assert set(player.play(value, round(2.0 / CYCLE), band=0.0)) == {CONTACT}
+    return player
+
+
+def test_a_touch_on_the_remnant_of_another_is_one_of_its_own() -> None:
+    player = hanging()
+    first, begin = player.joint.excursion, player.k
+    player.play(1.6, 2, band=0.0)
+    assert player.joint.excursion is first
+    assert player.play(2.3, 3, band=0.0) == [CONTACT] * 3
+    second = player.joint.excursion
+    assert second is not None
+    assert second is not first
+    assert (second.kind, second.sign) == ("contact", 1)
+    assert second.peak == pytest.approx(2.3 * THRESHOLD)
+    assert second.begin_time == pytest.approx((begin + 2) * CYCLE)
+    assert second.onset_time == pytest.approx(begin * CYCLE, abs=1.1 * CYCLE)
+    # The first hand left when the residual became constant.
+    assert second.previous_end == pytest.approx(20 * CYCLE)
+    # One touch, however long: what it holds is no remnant.
+    player.play(3.0, 100, band=0.0)
+    assert player.joint.excursion is second
+
+
+def test_a_remnant_that_creeps_back_counts_from_where_it_is() -> None:
+    player = hanging(1.45)
+    for k in range(100):
+        player.play(1.45 - 0.004 * k, 1, band=0.0)
+    first = player.joint.excursion
+    player.play(2.0, 3, band=0.0)
+    assert player.joint.excursion is first
+    player.play(2.1, 3, band=0.0)
+    assert player.joint.excursion is not first
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        (4.0, 1.2, 2.1),  # rises by less than a threshold
+        (4.0, 1.6, 4.0),  # stays well above its threshold
+        (1.35, 1.2, 4.0),  # has hardly fallen from its peak
+    ],
+)
+def test_a_hand_that_pulls_less_and_more_is_one_touch(values: tuple[float, float, float]) -> None:
+    player = Settler()
+    for value in values:
+        player.play(value, 60, band=0.0)
+        assert player.joint.excursion is not None
+        assert player.joint.excursion.begin_time == 0.0
+
+
+def test_a_short_pause_above_the_threshold_is_no_remnant() -> None:
+    player = Settler()
+    player.play(4.0, 20, band=0.0)
+    player.play(1.2, STUCK - 2, band=0.0)
+    player.play(4.0, 20, band=0.0)
+    for k in range(60):
+        player.play(1.2 + 0.15 * (-1) ** k, 1, band=0.0)
+    player.play(4.0, 5, band=0.0)
+    assert player.joint.excursion is not None
+    assert player.joint.excursion.begin_time == 0.0
+
+
+@pytest.mark.parametrize(("pause", "kind"), [(0, CONTACT), (3, CONTACT)])
+def test_the_other_side_of_a_remnant_is_no_rebound(pause: int, kind: JointState) -> None:
+    player = hanging()
+    player.play(0.0, pause, band=0.0)
+    assert player.play(-2.0, 1, band=0.0) == [kind]
+
+
 def test_a_blind_tick_ends_settling_too() -> None:
     player = Settler()
     assert player.play(0.2, 1) == [FREE]

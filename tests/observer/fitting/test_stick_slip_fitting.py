@@ -7,8 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pepper_driver.observer.fitting.stick_slip import START_UP_TIME, fit_stick_slip
-from pepper_driver.observer.models.stick_slip import StickSlipParameters
+from pepper_driver.observer.fitting.stick_slip import (
+    START_UP_TIME,
+    BoundedConstant,
+    bounded_constants,
+    fit_stick_slip,
+)
+from pepper_driver.observer.models.stick_slip import MIN_TRANSPORT, StickSlipParameters
 from pepper_driver.observer.recording import Recording
 from support.fusion import ELBOW, STICK_SLIP, TORQUE_CONSTANT, drive, recording_of, swing
 from support.observer import CYCLE
@@ -25,12 +30,14 @@ TRUE = replace(
 )
 
 
-def runs(parameters: StickSlipParameters = TRUE, seconds: float = 6.0) -> list[Recording]:
+def runs(
+    parameters: StickSlipParameters = TRUE, seconds: float = 6.0, *, derivative: float = 0.0
+) -> list[Recording]:
     """Free motion of different speeds, with the encoder's steps."""
     made = []
     for size, rate, gravity, rest in ((0.5, 1.0, 3.0, 1.0), (0.4, 2.2, -3.0, 0.5)):
         motion = swing(seconds, size, rate, gravity=gravity, rest=rest)
-        made.append(recording_of(motion, drive(motion, parameters)))
+        made.append(recording_of(motion, drive(motion, parameters, derivative=derivative)))
     return made
 
 
@@ -64,6 +71,27 @@ def test_what_comes_a_tick_late_is_found_as_late(found: StickSlipParameters) -> 
     assert there.transport > found.transport + 0.3
     assert total_lag(there) == pytest.approx(TRUE.lag + CYCLE, abs=0.0015)
     assert there.friction == pytest.approx(TRUE.friction, rel=0.12)
+
+
+def test_a_board_that_leads_is_found() -> None:
+    """18 ms of derivative on its error: a tick and a half earlier, and a lag that is 18 ms longer."""
+    leading = fit_stick_slip(JOINT, runs(derivative=0.018), CYCLE)
+    assert leading.transport == pytest.approx(-1.5, abs=0.4)
+    assert total_lag(leading) == pytest.approx(TRUE.lag, abs=0.0015)
+    assert bounded_constants(leading) == ()
+
+
+def test_constants_at_a_bound_are_named_but_for_natural_ones(found: StickSlipParameters) -> None:
+    assert bounded_constants(found) == ()
+    none = {"inertia": 0.0, "friction": 0.0, "load_friction": 0.0, "breakaway": 1.0}
+    assert bounded_constants(replace(found, **none, dead_band=0.0, integral_rate=0.0)) == ()
+    # A solver of bounded problems ends a little inside.
+    stopped = replace(found, transport=MIN_TRANSPORT + 0.001, lag=0.3, load_friction=0.499)
+    assert bounded_constants(stopped) == (
+        BoundedConstant(name="lag", bound=0.3, side="upper"),
+        BoundedConstant(name="load_friction", bound=0.5, side="upper"),
+        BoundedConstant(name="transport", bound=MIN_TRANSPORT, side="lower"),
+    )
 
 
 def test_a_dead_band_is_found_where_it_is() -> None:

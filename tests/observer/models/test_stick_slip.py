@@ -258,11 +258,12 @@ def test_transport_reads_commands_between_ticks(transport: float) -> None:
     np.testing.assert_allclose(late, play(STICK_SLIP, older, start=target[0]), atol=1e-12)
 
 
-def test_negative_transport_looks_ahead_along_the_last_step() -> None:
+@pytest.mark.parametrize("ticks", [0.7, 1.5, 3.0])
+def test_negative_transport_looks_ahead_along_the_last_step(ticks: float) -> None:
     rng = np.random.default_rng(2)
     target = np.cumsum(0.02 * rng.standard_normal(200))
-    ahead = target + 0.7 * np.diff(target, prepend=target[0])
-    early = play(replace(STICK_SLIP, transport=-0.7), target)
+    ahead = target + ticks * np.diff(target, prepend=target[0])
+    early = play(replace(STICK_SLIP, transport=-ticks), target)
     np.testing.assert_allclose(early, play(STICK_SLIP, ahead, start=target[0]), atol=1e-12)
 
 
@@ -353,8 +354,8 @@ def test_parameters_that_are_not_finite_are_refused(name: str) -> None:
         ({"friction": -1e-9}, "'friction' is negative"),
         ({"load_gain": 0.0}, "load_gain above 0"),
         ({"breakaway": 0.99}, "breakaway of 1 or more"),
-        ({"transport": 2.01}, "transport of -1 to 2"),
-        ({"transport": -1.01}, "transport of -1 to 2"),
+        ({"transport": 2.01}, "transport of -3 to 2"),
+        ({"transport": -3.01}, "transport of -3 to 2"),
     ],
 )
 def test_parameters_that_make_no_joint_are_refused(changes: dict[str, float], message: str) -> None:

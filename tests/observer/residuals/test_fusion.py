@@ -30,6 +30,7 @@ from pepper_driver.observer.interface import (
     JointState,
     Observation,
 )
+from pepper_driver.observer.models.fusion_model import MotorTorque
 from pepper_driver.observer.models.tree import CartTree
 from pepper_driver.observer.residuals.prediction import MAX_LATE_TICKS
 from support.examples import examples
@@ -136,6 +137,46 @@ def test_torque_of_a_push_on_a_joint_that_moves(torque: float) -> None:
     spread = of_elbow(observations, "torque_std")[held]
     assert (np.sign(estimate) == np.sign(torque)).all()
     assert np.sqrt(np.mean((estimate - torque) ** 2)) < 3.0 * spread.mean()
+
+
+LIMIT = 0.05
+"""[rad] Torque / K at which a board gives no more."""
+
+
+@pytest.mark.parametrize("source", ["current", "voltage"])
+@pytest.mark.parametrize("torque", [9.0, -9.0])
+def test_torque_is_no_more_than_motor_friction_and_load_oppose(
+    torque: float, source: MotorTorque
+) -> None:
+    """Its board gives 5 N m: a hand of 9 N m moves the joint far from its goal, where K e would be hundreds of N m."""
+    motion = standing(4.0, load=1.0)
+    push = push_profile(len(motion), 1.0, 1.5, torque)
+    made = ticks_of(motion, drive(motion, torque=push, limit=LIMIT))
+    momentum = replace(fusion_model().momentum, source=source)
+    observations, events = run(fusion_observer(fusion_model(momentum=momentum)), made)
+    assert np.degrees(np.abs(of_elbow(observations, "residual")).max()) > 45.0
+    motor = ROBOT.motors.of("LElbowRoll").stall_torque * ROBOT.motors.joints["LElbowRoll"].ratio
+    if source == "current":
+        motor = LIMIT * STIFFNESS
+    friction = STICK_SLIP.breakaway * (STICK_SLIP.friction * STIFFNESS + STICK_SLIP.load_friction)
+    bound = motor + friction + math.copysign(1.0, torque)
+    largest = np.abs(of_elbow(observations, "torque")).max()
+    assert largest == pytest.approx(bound, rel=0.02)
+    told = [e.torque for e in events if e.torque is not None]
+    assert max(map(abs, told)) <= 1.02 * bound
+    assert math.copysign(1.0, torque) * sum(told) > 0.0
+
+
+def test_a_current_that_does_not_carry_the_load_is_no_hand() -> None:
+    """A joint that rests without current, as real ones do at times."""
+    motion = standing(3.0, load=3.0)
+    made = ticks_of(motion, drive(motion, start=-0.03))
+    for one in made:
+        one.measurement.current[:] = 0.0
+    model = fusion_model(weight=(1.0, 1.0))
+    observations, events = run(fusion_observer(model), made)
+    assert events == []
+    assert np.abs(of_elbow(observations, "torque")[WINDOW:]).max() < 0.5
 
 
 def test_without_a_push_there_is_little_torque() -> None:

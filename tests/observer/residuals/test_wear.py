@@ -1,4 +1,4 @@
-"""A joint that turns harder than when it was identified is reported once."""
+"""A joint that turns harder than when it was identified is reported once, and no other."""
 
 from __future__ import annotations
 
@@ -8,7 +8,17 @@ from dataclasses import replace
 import pytest
 
 from pepper_driver.observer.contact_observer import WEAR_PERIOD
-from support.fusion import STICK_SLIP, drive, fusion_model, fusion_observer, swing, ticks_of
+from support.fusion import (
+    ELBOW,
+    STICK_SLIP,
+    drive,
+    fusion_model,
+    fusion_observer,
+    standing,
+    swing,
+    ticks_of,
+)
+from support.observer import CYCLE
 
 
 @pytest.mark.parametrize(("factor", "worn"), [(1.0, ()), (2.0, ("LElbowRoll",))])
@@ -27,3 +37,18 @@ def test_a_joint_that_turns_harder_is_reported_once(
     assert len([r for r in caplog.records if "has worn" in r.getMessage()]) == len(worn)
     observer.reset()
     assert observer.worn == ()
+
+
+def test_a_robot_that_stands_is_not_worn(caplog: pytest.LogCaptureFixture) -> None:
+    """Its board integrates and an unknown load pulls at it: it rests elsewhere than its model, within its friction."""
+    board = replace(STICK_SLIP, integral_rate=0.3, load_gain=0.02, friction=0.014)
+    motion = standing(WEAR_PERIOD * CYCLE + 0.5, load=-1.0)
+    made = ticks_of(motion, drive(motion, replace(board, offset=0.01), start=-0.03, steps=20))
+    observer = fusion_observer(fusion_model(board), adapt=True)
+    residual = []
+    with caplog.at_level(logging.WARNING):
+        for tick in made:
+            residual.append(observer.step(tick).residual[ELBOW])
+    assert max(map(abs, residual[10:])) > 0.25 * board.friction
+    assert observer.worn == ()
+    assert "has worn" not in caplog.text

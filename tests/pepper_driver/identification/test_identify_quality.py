@@ -16,9 +16,13 @@ from pepper_driver.identification import (
     load_recordings,
     record_joints,
 )
+from pepper_driver.identification.dataset import JointDataset
 from pepper_driver.identification.fit import part
 from pepper_driver.observer import Recording
+from pepper_driver.observer.models.stick_slip import MIN_TRANSPORT, StickSlipParameters
+from support.fusion import STICK_SLIP, Motion, drive, fusion_model, recording_of, swing
 from support.identification import ROBOT, SHORT, short_body
+from support.observer import CYCLE
 from support.once import made_once
 
 JOINT = "LShoulderRoll"
@@ -65,16 +69,22 @@ def pushed(degrees: float, joint: int = INDEX) -> Change:
     return change
 
 
-def clipped(share_types: float) -> Change:
-    """A board that gives so much of the current that was needed, seen with the sensor's noise and steps."""
+def clipped(ratio: float) -> Change:
+    """A board that gives so much of the current that was needed: the joint falls behind while it needs more."""
 
     def change(run: Recording) -> Recording:
-        current, rng = run.current.copy(), np.random.default_rng(0)
-        limit = share_types * current[:, INDEX].max()
-        noisy = limit + 0.008 * rng.standard_normal(len(run))
-        seen = np.round(noisy / 0.016) * 0.016
-        current[:, INDEX] = np.where(current[:, INDEX] > limit, seen, current[:, INDEX])
-        return replace(run, current=current)
+        current, position = run.current.copy(), run.position.copy()
+        needed, rng = current[:, INDEX], np.random.default_rng(0)
+        limit = ratio * needed.max()
+        # Seen with the sensor's noise and steps.
+        seen = np.round((limit + 0.008 * rng.standard_normal(len(run))) / 0.016) * 0.016
+        current[:, INDEX] = np.where(needed > limit, seen, needed)
+        missing = np.where(needed > limit, needed - limit, 0.0)
+        behind = np.zeros(len(run))
+        for k in range(1, len(run)):
+            behind[k] = 0.95 * behind[k - 1] + 0.05 * missing[k]
+        position[:, INDEX] -= np.sign(run.tracking_error(INDEX)) * behind
+        return replace(run, current=current, position=position)
 
     return change
 
@@ -139,6 +149,56 @@ def test_what_is_wrong_with_a_run_is_said(
     found = [f for f in findings(with_run(good, 1, change)) if f.kind != "contact"]
     assert [(f.kind, f.run) for f in found] == [(kind, f"{JOINT}-2")]
     assert re.search(word, found[0].text), found[0].text
+
+
+def slowing(board: StickSlipParameters, limit: float = np.inf) -> Recording:
+    """A strong start under a light load, then a way under one load that becomes slower and slower."""
+    first = swing(6.0, 0.4, 3.0, gravity=0.5)
+    time = np.arange(round(3.0 / CYCLE)) * CYCLE
+    velocity = -0.65 * np.minimum(time / 0.3, 1.0) * np.exp(-0.5 * time)
+    velocity[-30:] *= np.linspace(1.0, 0.0, 30)
+    position = first.position[-1] + np.cumsum(velocity) * CYCLE
+    load = np.full(len(time), -1.0)
+    load[:30] = np.linspace(first.load[-1], -1.0, 30)
+    motion = Motion(
+        position=np.concatenate((first.position, position)),
+        velocity=np.concatenate((first.velocity, velocity)),
+        acceleration=np.concatenate((first.acceleration, np.gradient(velocity, CYCLE))),
+        load=np.concatenate((first.load, load)),
+    )
+    run = recording_of(motion, drive(motion, board, limit=limit))
+    noise = 0.004 * np.random.default_rng(1).standard_normal(run.current.shape)
+    current = np.round(np.maximum(run.current + noise, 0.0) / 0.016) * 0.016
+    return replace(run, current=current)
+
+
+def flat_currents(run: Recording) -> list[str]:
+    entry = JointDataset(joint="LElbowRoll", estimation=(run,), test=run)
+    recordings = IdentificationDataset(sweeps=(entry,), calibration=())
+    return [f.text for f in inspect_recordings(recordings, {}) if f.kind == "current"]
+
+
+SOFT = replace(STICK_SLIP, load_gain=0.02, friction=0.014, lag=0.05, integral_rate=0.3)
+
+
+def test_a_current_that_load_and_friction_keep_constant_is_not_clipped() -> None:
+    """A soft board with an integral part: its error shrinks with the speed, while its current stays where it is."""
+    assert flat_currents(slowing(SOFT)) == []
+    # The same with a board that gives a little less than the motion needs.
+    (text, *_) = flat_currents(slowing(SOFT, limit=0.03))
+    assert "clipped" in text
+
+
+def test_a_constant_at_its_bound_is_said_with_joint_and_cause(good: IdentificationDataset) -> None:
+    stopped = replace(STICK_SLIP, transport=MIN_TRANSPORT, load_friction=0.5, friction=0.0)
+    found = inspect_recordings(good, {JOINT: fusion_model(stopped)})
+    bounds = [f for f in found if f.kind == "bound"]
+    assert [(f.joint, f.run) for f in bounds] == [(JOINT, None)] * 2
+    load, transport = bounds
+    assert "'load_friction' of its model is at its bound of 0.5" in load.text
+    assert "'transport' of its model is at its bound of -3" in transport.text
+    assert "answers earlier than the backend reports" in transport.text
+    assert not [f for f in inspect_recordings(good, {JOINT: fusion_model()}) if f.kind == "bound"]
 
 
 def test_too_little_motion_is_said(good: IdentificationDataset) -> None:
