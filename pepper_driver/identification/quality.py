@@ -17,7 +17,7 @@ from pepper_driver.observer.fitting.bounds import free_residual
 from pepper_driver.observer.fitting.stick_slip import bounded_constants
 from pepper_driver.observer.recording import STALE_AGE
 
-Kind = Literal["excitation", "contact", "current", "gaps", "stale", "limited", "bound"]
+Kind = Literal["excitation", "contact", "current", "gaps", "stale", "limited", "bound", "behind"]
 
 MIN_RANGE = 0.1
 """[rad] Smallest range of a joint's motion: less is close to the errors that must be detected."""
@@ -63,6 +63,15 @@ FLAT_WINDOW = 5
 
 MIN_LEVELS = 30
 """Different values a current must show before its shape says anything: small motors show a few steps of the sensor."""
+
+BEHIND = 0.2
+"""[rad] of tracking error beyond which a joint has fallen behind: no lag at the speeds of the motion is as large."""
+
+SLOWER = 0.8
+"""Fraction of the fastest command below which the fastest motion of such a joint is limited."""
+
+SPEED_TIME = 0.06
+"""[s] over which measured and commanded speeds are compared."""
 
 BOUND_CAUSES = {
     (
@@ -125,6 +134,7 @@ def inspect_recordings(
         for name, run in zip(entry.names, entry.runs, strict=True):
             found.extend(_holes(name, run, entry.joint))
             found.extend(_flat_current(name, run, entry.joint))
+            found.extend(_behind(name, run, entry.joint))
         if entry.estimation and entry.joint in models:
             found.extend(_constants(entry.joint, models[entry.joint]))
         if entry.joint in models:
@@ -214,6 +224,26 @@ def _flat_current(name: str, run: Recording, joint: str) -> list[Finding]:
         return []
     text = f"its current stays at {top:.2f} A for {seconds:.1f} s: clipped, the joint cannot follow"
     return [Finding(kind="current", joint=joint, run=name, text=text)]
+
+
+def _behind(name: str, run: Recording, joint: str) -> list[Finding]:
+    """Return a joint that runs slower than it is told: a limiter, or a motor at its limit, that no model knows."""
+    index = run.joint_names.index(joint)
+    late = float(np.abs(run.tracking_error(index)).max())
+    ticks = max(1, round(SPEED_TIME / run.cycle))
+    if late < BEHIND or len(run) <= ticks:
+        return []
+    told, ran = (
+        float(np.abs(values[ticks:, index] - values[:-ticks, index]).max()) / (ticks * run.cycle)
+        for values in (run.sent_position, run.position)
+    )
+    if ran > SLOWER * told:
+        return []
+    text = (
+        f"falls {late:.2f} rad behind: it runs at {ran:.2f} rad/s at most where it is told {told:.2f}. A limiter, or a "
+        "motor at its limit, is in no model; use a slower motion"
+    )
+    return [Finding(kind="behind", joint=joint, run=name, text=text)]
 
 
 def _smooth(values: FloatArray) -> FloatArray:

@@ -18,6 +18,7 @@ from pepper_driver.identification import (
 )
 from pepper_driver.identification.dataset import JointDataset
 from pepper_driver.identification.fit import part
+from pepper_driver.identification.quality import BEHIND
 from pepper_driver.observer import Recording
 from pepper_driver.observer.models.stick_slip import MIN_TRANSPORT, StickSlipParameters
 from support.fusion import STICK_SLIP, Motion, drive, fusion_model, recording_of, swing
@@ -89,6 +90,20 @@ def clipped(ratio: float) -> Change:
     return change
 
 
+def limited_to(speed: float) -> Change:
+    """A target that runs after the command no faster than this [rad/s]."""
+
+    def change(run: Recording) -> Recording:
+        position, sent = run.position.copy(), run.sent_position[:, INDEX]
+        target, reach = sent[0], speed * run.cycle
+        for k, goal in enumerate(sent):
+            target += float(np.clip(goal - target, -reach, reach))
+            position[k, INDEX] += target - goal
+        return replace(run, position=position)
+
+    return change
+
+
 def with_gap(run: Recording) -> Recording:
     """Ten cycles of no sample, half way."""
     half = len(run) // 2
@@ -138,6 +153,7 @@ def test_a_touch_during_the_calibration_is_noticed(good: IdentificationDataset) 
     ("change", "kind", "word"),
     [
         (clipped(0.6), "current", "clipped"),
+        (limited_to(0.2), "behind", "rad behind: it runs"),
         (with_gap, "gaps", "the longest gap is 0.13 s"),
         (stale, "stale", "older than 30 ms"),
         (altered, "limited", f"altered .* of the commands of {JOINT}"),
@@ -233,3 +249,10 @@ def test_holes_in_the_calibration_are_said(good: IdentificationDataset) -> None:
         ("gaps", "calibration-4"),
         ("stale", "calibration-4"),
     ]
+
+
+def test_a_limiter_above_the_speed_of_the_motion_is_no_finding(good: IdentificationDataset) -> None:
+    """Thrice the largest error of the good runs is below what counts as behind."""
+    largest = max(float(np.abs(run.tracking_error(INDEX)).max()) for run in good.sweeps[0].runs)
+    assert 3 * largest < BEHIND
+    assert findings(with_run(good, 1, limited_to(3.0))) == ()
