@@ -162,21 +162,20 @@ class _Fit:
             begin["load_gain"] = self._load_gain
         begin |= {name: value for name, value in start.items() if name in begin}
 
-        linear: dict[bytes, tuple[FloatArray, FloatArray]] = {}
-
-        def linearised(point: FloatArray) -> tuple[FloatArray, FloatArray]:
-            # The slopes are asked for, if at all, after the errors at the same point.
-            key = point.tobytes()
-            if key not in linear:
-                linear.clear()
-                linear[key] = self._linearised(names, point, scale)
-            return linear[key]
+        # In place of all samples, n + 1 numbers that have the same sum of squares and the same products with each other:
+        # decompositions of all samples would take most of the time. The first number is along the errors.
+        compact = np.zeros(len(names) + 1)
 
         def errors(point: FloatArray) -> FloatArray:
-            return linearised(point)[0]
+            compact[0] = np.linalg.norm(self._errors(names, (point * scale)[None]))
+            return compact.copy()
 
         def slopes(point: FloatArray) -> FloatArray:
-            return linearised(point)[1]
+            values, changes = self._linearised(names, point, scale)
+            along = values @ changes / max(float(np.linalg.norm(values)), 1e-12)
+            square, axes = np.linalg.eigh(changes.T @ changes - np.outer(along, along))
+            across = np.sqrt(np.maximum(square, 0.0))[:, None] * axes.T
+            return np.concatenate((along[None], across))
 
         solution = least_squares(
             errors,
@@ -186,29 +185,32 @@ class _Fit:
             ],
             slopes,
             bounds=([r.lower / r.scale for r in ranges], [r.upper / r.scale for r in ranges]),
-            loss="soft_l1",
             max_nfev=40,
         )
         values = dict(zip(names, (solution.x * scale).tolist(), strict=True))
         return values, float(solution.cost)
 
-    def _residual(self, names: tuple[str, ...], points: FloatArray) -> FloatArray:
-        """Return (p, m) errors of p sets of constants in units of LOSS_SCALE; the last one is that of the prior."""
+    def _errors(self, names: tuple[str, ...], points: FloatArray) -> FloatArray:
+        """Return (p, m) errors of p sets of constants in units of LOSS_SCALE; the last one is that of the prior.
+
+        Large ones count linearly: the squares of what is returned add up to the cost of the loss ``soft_l1``.
+        """
         positions = self._runs.simulate(dict(zip(names, points.T, strict=True)))
-        errors = np.array([of_set[self._runs.counts] for of_set in positions])
-        scaled = (errors - self._measured) / LOSS_SCALE
-        prior = np.zeros((len(points), 1))
+        errors = np.empty((len(points), len(self._measured) + 1))
+        for row, of_set in zip(errors, positions, strict=True):
+            np.subtract(of_set[self._runs.counts], self._measured, out=row[:-1])
+        errors[:, :-1] /= LOSS_SCALE
+        errors[:, -1] = 0.0
         if self._load_gain is not None:
             gain = points[:, names.index("load_gain")]
             # A ratio of gains, so that the prior is the same for strong and weak joints.
-            prior[:, 0] = self._prior_weight * np.log(gain / self._load_gain)
-        return np.concatenate((scaled, prior), axis=1)
+            errors[:, -1] = self._prior_weight * np.log(gain / self._load_gain)
+        return errors * np.sqrt(2.0 / (1.0 + np.sqrt(1.0 + errors**2)))
 
     def _linearised(
         self, names: tuple[str, ...], point: FloatArray, scale: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return the errors (m,) at a point, and their slopes (m, n)."""
-        # All differences in one simulation: its cost is that of the loop over ticks, not of the sets.
         points = np.concatenate((point[None], point + _STEP * np.eye(len(point))))
-        residuals = self._residual(names, points * scale)
-        return residuals[0], (residuals[1:] - residuals[0]).T / _STEP
+        errors = self._errors(names, points * scale)
+        return errors[0], (errors[1:] - errors[0]).T / _STEP
