@@ -215,7 +215,10 @@ def identify(
     if draws is not None:
         _refuse_with("draws", "each robot has a folder of its own", recordings=recordings)
         numbers = parse_draws(draws)
-        with chosen_workers(workers, cluster, console) as pool, _robots(console) as progress:
+        with (
+            chosen_workers(workers, cluster, console) as pool,
+            _robots(console, len(numbers)) as progress,
+        ):
             robots = identify_population(
                 backend or BACKEND,
                 numbers,
@@ -231,6 +234,7 @@ def identify(
                 progress=progress,
             )
         print_population(console, robots, kind)
+        console.print(f"models: {out}")
         save_json(json_file, population_json(robots), console)
         return 1 if any(one.state == "failed" for one in robots) else 0
     with chosen_workers(workers, cluster, console) as pool:
@@ -284,7 +288,7 @@ def identify_with_progress(
 def print_population(console: Console, robots: Sequence[IdentifiedRobot], kind: ModelKind) -> None:
     """Print what became of each robot, why some failed, and a line that counts them."""
     table = Table(title="robots, test fit in NRMSE %", title_justify="left")
-    for name in ("robot", "", "median", "worst", "joint", "warnings", "models"):
+    for name in ("robot", "", "median", "worst", "joint", "warnings", "file"):
         table.add_column(
             name, justify="right" if name in ("median", "worst", "warnings") else "left"
         )
@@ -296,7 +300,7 @@ def print_population(console: Console, robots: Sequence[IdentifiedRobot], kind: 
         worst = min(fits, key=lambda joint: fits[joint])
         middle, least = f"{median(fits.values()):.1f}", f"{fits[worst]:.1f}"
         warnings = str(len(one.warnings))
-        table.add_row(one.name, one.state, middle, least, worst, warnings, str(one.file))
+        table.add_row(one.name, one.state, middle, least, worst, warnings, one.file.name)
     console.print(table)
     for one in robots:
         for warning in one.warnings:
@@ -308,6 +312,9 @@ def print_population(console: Console, robots: Sequence[IdentifiedRobot], kind: 
     counted = f"{len(robots) - len(failed)} of {len(robots)} robots identified"
     if kept:
         counted += f", {kept} of them earlier"
+    warned = sum(bool(one.warnings) for one in robots)
+    if warned:
+        counted += f"; {warned} with warnings"
     if failed:
         counted += f"; {len(failed)} failed: {', '.join(one.name for one in failed)}"
     console.print(counted)
@@ -333,15 +340,16 @@ def population_json(robots: Sequence[IdentifiedRobot]) -> dict[str, Any]:
 
 
 @contextmanager
-def _robots(console: Console) -> Iterator[RobotProgress]:
+def _robots(console: Console, total: int) -> Iterator[RobotProgress]:
     """Yield a bar over the robots."""
     with make_progress(console, count=True) as bars:
-        bar = bars.add_task("robots", total=None, before=0)
+        bar = bars.add_task("identifying robots", total=total, before=0)
+        before = 0
 
         def report_progress(one: IdentifiedRobot, done: int, total: int) -> None:
-            task = next(task for task in bars.tasks if task.id == bar)
-            before = task.fields["before"] + (one.state == "kept")
-            what = f"{one.name} {one.state}"
+            nonlocal before
+            before += one.state == "kept"
+            what = f"identifying robots: {one.name} {one.state}"
             bars.update(bar, description=what, completed=done, total=total, before=before)
 
         yield report_progress

@@ -67,11 +67,18 @@ class IdentifiedRobot:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is wrong with its recordings."""
-        return tuple(
-            ": ".join((*filter(None, (found["joint"], found["run"])), found["text"]))
-            for found in self.report.get("warnings", ())
-        )
+        """What is wrong with its recordings, and joints of which its models know nothing."""
+        found = [
+            ", ".join(filter(None, (finding["joint"], finding["run"]))) + f": {finding['text']}"
+            for finding in self.report.get("warnings", ())
+        ]
+        fits = next(iter(self.report.get("fit", {}).values()), {})
+        found += [
+            f"{joint}: its model predicts the test run no better than a constant ({fit['test']:.0f} %)"
+            for joint, fit in fits.items()
+            if fit["test"] <= 0.0
+        ]
+        return tuple(found)
 
 
 RobotProgress = Callable[[IdentifiedRobot, int, int], None]
@@ -266,6 +273,7 @@ def _identify(one: _Robot, motion: _Motion, keep: bool) -> tuple[_Robot, Identif
             result = fit_folder(
                 folder,
                 motion.kind,
+                compare=False,
                 mirror=motion.mirror,
                 share_types=motion.share_types,
                 workers=1,
