@@ -217,7 +217,7 @@ def identify(
         numbers = parse_draws(draws)
         with (
             chosen_workers(workers, cluster, console) as pool,
-            _robots(console, len(numbers)) as progress,
+            _robots(console, len(numbers), out) as progress,
         ):
             robots = identify_population(
                 backend or BACKEND,
@@ -340,19 +340,25 @@ def population_json(robots: Sequence[IdentifiedRobot]) -> dict[str, Any]:
 
 
 @contextmanager
-def _robots(console: Console, total: int) -> Iterator[RobotProgress]:
-    """Yield a bar over the robots."""
+def _robots(console: Console, total: int, folder: Path) -> Iterator[RobotProgress]:
+    """Yield a bar over the robots; print how to continue when it is interrupted."""
+    before = ended = 0
     with make_progress(console, count=True) as bars:
         bar = bars.add_task("identifying robots", total=total, before=0)
-        before = 0
 
         def report_progress(one: IdentifiedRobot, done: int, total: int) -> None:
-            nonlocal before
-            before += one.state == "kept"
+            nonlocal before, ended
+            before, ended = before + (one.state == "kept"), done
             what = f"identifying robots: {one.name} {one.state}"
             bars.update(bar, description=what, completed=done, total=total, before=before)
 
-        yield report_progress
+        try:
+            yield report_progress
+        except KeyboardInterrupt:
+            console.print(
+                f"{ended} of {total} robots are done; the same command continues with what is kept in {folder}"
+            )
+            raise
 
 
 def _refuse_with(option: str, why: str, **options: object) -> None:

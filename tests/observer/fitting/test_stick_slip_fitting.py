@@ -125,7 +125,7 @@ def test_what_is_found_does_not_depend_on_the_start(
 
 @pytest.mark.parametrize("name", plant_names())
 def test_the_fit_begins_at_no_constant_of_a_plant(name: str) -> None:
-    """Else models of a simulated robot would be better than those of a real one. The other constants differ by joint."""
+    """Else simulated robots would get better models than real ones. The other constants differ from joint to joint."""
     robot = load_robot()
     plant = load_plant(name, robot)
     own = {
