@@ -157,8 +157,7 @@ def identify(
         str | None,
         typer.Option(
             metavar="LIST",
-            help="Identify these draws of a simulated plant, such as 0-19 or 0,3,7-9, one file each; those that are "
-            "there already are taken.",
+            help="Draws of a simulated plant to identify, such as 0-19 or 0,3,7-9, a file each; by default one robot.",
         ),
     ] = None,
     yes: Annotated[

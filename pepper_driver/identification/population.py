@@ -47,7 +47,7 @@ State = Literal["identified", "kept", "failed"]
 
 @dataclass(frozen=True, kw_only=True)
 class IdentifiedRobot:
-    """What became of one robot of a population.
+    """Outcome of the identification of one robot of a population.
 
     Attributes:
         draw: Its number.
@@ -67,7 +67,7 @@ class IdentifiedRobot:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is wrong with its recordings, and joints of which its models know nothing."""
+        """Faults of its recordings, and joints of which its models know nothing."""
         found = [
             ", ".join(filter(None, (finding["joint"], finding["run"]))) + f": {finding['text']}"
             for finding in self.report.get("warnings", ())
@@ -87,7 +87,7 @@ RobotProgress = Callable[[IdentifiedRobot, int, int], None]
 
 @dataclass(frozen=True, kw_only=True)
 class _Motion:
-    """How each robot is identified; see :func:`record_joints` and :func:`fit_folder`."""
+    """Motions and models by which each robot is identified; see :func:`record_joints` and :func:`fit_folder`."""
 
     experiment: Experiment
     calibration: Experiment | None
