@@ -12,10 +12,11 @@ import socket
 import time
 import traceback
 import warnings
-from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
+from collections.abc import Awaitable, Callable, Collection, Iterable, Iterator, Mapping
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
@@ -111,11 +112,15 @@ def environment() -> dict[str, str]:
     for package in PACKAGES:
         with contextlib.suppress(PackageNotFoundError):
             found[package] = version(package)
-    return {**found, SOURCES: _sources_hash()}
+    return {**found, SOURCES: sources_hash()}
 
 
-def _sources_hash() -> str:
-    """Hash the files of the package that results depend on, wherever it is installed."""
+def sources_hash(apart: Collection[str] = ()) -> str:
+    """Hash the files of the package that results depend on, wherever it is installed.
+
+    Args:
+        apart: Patterns of files that do not count, such as ``cli/*`` and ``config/plants/*``.
+    """
     digest = hashlib.sha256()
     for layer in ("", *_LAYERS):
         spec = find_spec("pepper_driver" + (layer and f".{layer}"))
@@ -127,7 +132,9 @@ def _sources_hash() -> str:
                     continue
                 if not layer and inside.parts[0] in (*_LAYERS, "examples"):
                     continue
-                digest.update(f"{layer}/{inside.as_posix()}\0".encode() + path.read_bytes())
+                name = f"{layer}/{inside.as_posix()}"
+                if not any(fnmatchcase(name.removeprefix("/"), pattern) for pattern in apart):
+                    digest.update(f"{name}\0".encode() + path.read_bytes())
     return digest.hexdigest()[:12]
 
 

@@ -32,7 +32,8 @@ from pepper_driver.config.plant_parts import (
     Transport,
     WheelDrive,
 )
-from pepper_driver.config.plant_variants import Randomisation, randomise, resolve
+from pepper_driver.config.plant_variants import Randomisation, Tree, randomise, resolve
+from pepper_driver.config.population import check_draw
 from pepper_driver.config.robot import RobotConfig, check_joint_keys
 from pepper_driver.config.visuals import without_visuals
 
@@ -96,36 +97,59 @@ def plant_names() -> tuple[str, ...]:
 
 @checked_arguments
 @with_lines
-def load_plant(name: str, robot: RobotConfig, *, draw: int | None = None) -> PlantConfig:
+def load_plant(
+    name: str, robot: RobotConfig, *, draw: int | None = None, day: int | None = None
+) -> PlantConfig:
     """Load a plant by name, or from a path that ends in ``.yaml``.
 
     Args:
         name: Of a shipped plant, or a path.
         robot: The robot it simulates.
         draw: Which robot of a plant with a ``randomise`` section; None for the first. Equal draws give equal robots.
+        day: Which day of this robot, where the section has ``days``; 0 or None for the first, the draw itself.
 
     Raises:
         UnknownNameError: No shipped plant has this name.
-        ConfigError: The file is wrong, the message names file and key; or ``draw`` is given and nothing is drawn.
+        HeldOutDrawError: The draw is for tests only.
+        ConfigError: The file is wrong, the message names file and key; or ``draw`` or ``day`` is given and there is
+            nothing to draw.
     """
     path = _plant_path(name)
-    data, _ = resolve(path, _plant_path, robot)
     source = str(path)
-    drawing = data.pop("randomise", None)
+    data, _, drawing = _read(path, robot, draw, day)
     if drawing is not None:
-        if draw is not None and draw < 0:
-            raise ConfigError(f"{source}: draw takes a whole number from 0, got {draw}")
-        if not isinstance(drawing, dict):
-            raise ConfigError(f"{source}: key 'randomise': expected a mapping of keys to values")
-        ranges = parse(Randomisation, drawing, f"{source}: key 'randomise'")
-        randomise(data, ranges, robot, draw or 0, source)
+        randomise(data, drawing, robot, source, draw=draw or 0, day=day or 0)
+    plant = parse(PlantConfig, {**data, "source": source}, source)
+    _check(plant, robot, source)
+    return plant
+
+
+def _read(
+    path: Path, robot: RobotConfig, draw: int | None, day: int | None
+) -> tuple[Tree, tuple[Path, ...], Randomisation | None]:
+    """Return the mapping of a plant before anything is drawn, the files it extends, and what is to be drawn."""
+    source = str(path)
+    for what, number in (("draw", draw), ("day", day)):
+        if number is not None and number < 0:
+            raise ConfigError(f"{source}: {what} takes a whole number from 0, got {number}")
+    data, extended = resolve(path, _plant_path, robot, draw or 0)
+    section = data.pop("randomise", None)
+    drawing = None
+    if section is not None:
+        where = f"{source}: key 'randomise'"
+        if not isinstance(section, dict):
+            raise ConfigError(f"{where}: expected a mapping of keys to values")
+        drawing = parse(Randomisation, section, where)
+        check_draw(draw or 0, drawing.development, source)
     elif draw is not None:
         raise ConfigError(
             f"{source}: draws nothing (no key 'randomise'), so draw={draw} says nothing"
         )
-    plant = parse(PlantConfig, {**data, "source": source}, source)
-    _check(plant, robot, source)
-    return plant
+    if day is not None and (drawing is None or drawing.days is None):
+        raise ConfigError(
+            f"{source}: all days of its robots are alike (no key 'randomise.days'), so day={day} says nothing"
+        )
+    return data, extended, drawing
 
 
 def draws(name: str, robot: RobotConfig) -> bool:
@@ -136,31 +160,49 @@ def draws(name: str, robot: RobotConfig) -> bool:
 
 @with_lines
 def parent_plants(
-    name: str, robot: RobotConfig, *, draw: int | None = None
+    name: str, robot: RobotConfig, *, draw: int | None = None, day: int | None = None
 ) -> tuple[RobotIdentity, ...]:
     """Return the plants of which a plant is a variant, nearest first.
 
-    They are those that it extends, and of a plant that is drawn its first draw before these.
+    A robot on another day is a variant of itself on the first one, then of what its plant extends. Where draws are
+    not robots with days of their own, they are the same robot, and the first draw comes before what the plant extends.
 
     Args:
         name: Of a shipped plant, or a path.
         robot: The robot it simulates.
         draw: Which robot of a plant with a ``randomise`` section; the same draw of what it extends comes first.
+        day: Which day of this robot.
 
     Raises:
         UnknownNameError: No shipped plant has this name.
+        HeldOutDrawError: The draw is for tests only.
         ConfigError: A file cannot be read, or names a joint, key or plant that does not exist.
     """
     path = _plant_path(name)
-    _, extended = resolve(path, _plant_path, robot)
-    candidates: list[tuple[Path, int | None]] = [(path, None)] if draw else []
-    candidates += [(file, number) for file in extended for number in dict.fromkeys((draw, None))]
+    _, extended, drawing = _read(path, robot, draw, day)
+    candidates = [(path, draw)] if day else []
+    if draw and not _has_days(drawing):
+        candidates.append((path, None))
+    candidates += [(file, number) for file in extended for number in _draws_of(file, robot, draw)]
     parents = []
     for file, number in candidates:
         with suppress(ConfigError):  # it draws nothing, or is no robot without what extends it
             plant = load_plant(str(file), robot, draw=number)
             parents.append(RobotIdentity(name=plant.name, identity=plant_hash(plant, robot)))
     return tuple(dict.fromkeys(parents))
+
+
+def _draws_of(path: Path, robot: RobotConfig, draw: int | None) -> tuple[int | None, ...]:
+    """Return the draws of a plant of which one is a variant that extends it: the same, then the first."""
+    try:
+        _, _, drawing = _read(path, robot, draw, None)
+    except ConfigError:  # it draws nothing
+        return (None,)
+    return (draw,) if _has_days(drawing) else tuple(dict.fromkeys((draw, None)))
+
+
+def _has_days(drawing: Randomisation | None) -> bool:
+    return drawing is not None and drawing.days is not None
 
 
 def _plant_path(name: str) -> Path:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import copy
 import math
+import operator
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterable
-from dataclasses import fields
+from dataclasses import field, fields
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,23 +26,48 @@ from pepper_driver.config.robot import RobotConfig
 Tree = dict[str, Any]
 
 
+Factors = dict[str, tuple[Positive, Positive]]
+Values = dict[str, tuple[float, float]]
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class DayDifferences:
+    """Parameters of one robot that are drawn again for each day; see :class:`Randomisation`.
+
+    ``factors`` are on the values of the first day, which is that of the draw itself.
+    """
+
+    factors: Factors
+    values: Values
+
+
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Randomisation:
     """Parameters that are drawn again for each robot.
 
-    ``factors``: on values of the actuators by dotted key, log-uniform between two bounds, each joint its own.
-    ``values``: other values by dotted key, uniform between two bounds. ``model_error``: smallest and largest fraction
-    by which each link's mass differs, up or down, and its centre of mass, in any direction, as a fraction of its
-    distance from the joint.
+    Attributes:
+        factors: On values of the actuators by dotted key, log-uniform between two bounds, each joint its own.
+        values: Other values by dotted key, uniform between two bounds.
+        model_error: Smallest and largest fraction by which each link's mass differs, up or down, and its centre of
+            mass, in any direction, as a fraction of its distance from the joint.
+        offsets: Added to values of the actuators by dotted key, uniform between two bounds, each joint its own.
+        integers: Other whole numbers by dotted key, from the first to the last with equal probability.
+        days: What differs between the days of one robot; None where each draw is the same robot on another day.
+        development: How many draws, the first ones, are for development, see
+            :mod:`pepper_driver.config.population`; None where all are.
     """
 
-    factors: dict[str, tuple[Positive, Positive]]
-    values: dict[str, tuple[float, float]]
+    factors: Factors
+    values: Values
     model_error: tuple[NonNegative, Annotated[float, Field(lt=1)]]
+    offsets: Values = field(default_factory=dict)
+    integers: dict[str, tuple[int, int]] = field(default_factory=dict)
+    days: DayDifferences | None = None
+    development: Annotated[int, Field(ge=1)] | None = None
 
 
 def resolve(
-    path: Path, find: Callable[[str], Path], robot: RobotConfig
+    path: Path, find: Callable[[str], Path], robot: RobotConfig, draw: int = 0
 ) -> tuple[Tree, tuple[Path, ...]]:
     """Return the complete mapping of a plant file: what it extends, changed as it says.
 
@@ -49,6 +75,7 @@ def resolve(
         path: The file.
         find: The file of a plant by name or path; a relative path begins at the extending file.
         robot: Whose joints the file names.
+        draw: Of a plant that is drawn: it chooses where the plant extends one of several.
 
     Returns:
         The mapping, and the files that it extends, nearest first.
@@ -56,11 +83,15 @@ def resolve(
     Raises:
         ConfigError: A file cannot be read, or names a joint, key or plant that does not exist.
     """
-    return _resolve(path, find, robot, ())
+    return _resolve(path, find, robot, draw, ())
 
 
 def _resolve(
-    path: Path, find: Callable[[str], Path], robot: RobotConfig, seen: tuple[Path, ...]
+    path: Path,
+    find: Callable[[str], Path],
+    robot: RobotConfig,
+    draw: int,
+    seen: tuple[Path, ...],
 ) -> tuple[Tree, tuple[Path, ...]]:
     data = read_yaml(path)
     if "extends" not in data:
@@ -68,18 +99,9 @@ def _resolve(
     source = str(path)
     if path.resolve() in seen:
         raise ConfigError(f"{source}: key 'extends': the plant extends itself")
-    parent = data.pop("extends")
-    if not isinstance(parent, str):
-        raise ConfigError(
-            f"{source}: key 'extends': expected the name of a plant, got {as_written(parent)}"
-        )
-    try:
-        parent_path = find(parent)
-    except UnknownNameError as error:
-        raise ConfigError(f"{source}: key 'extends': {error}") from error
-    if not parent_path.is_absolute() and not parent_path.exists():
-        parent_path = path.parent / parent_path
-    plant, further = _resolve(parent_path, find, robot, (*seen, path.resolve()))
+    parent_path = _parent(path, data, find, draw)
+    plant, further = _resolve(parent_path, find, robot, draw, (*seen, path.resolve()))
+    _check_development(plant, data, source)
     factors = _mapping(data.pop("factors", {}), f"{source}: key 'factors'")
     joints = _mapping(data.pop("joints", {}), f"{source}: key 'joints'")
     if "actuators" in data:
@@ -88,7 +110,8 @@ def _resolve(
         )
     plant["actuators"] = _one_joint_each(plant.get("actuators"), f"{parent_path}: key 'actuators'")
     for key, factor in factors.items():
-        _scale(plant["actuators"], str(key), factor, robot, f"{source}: key 'factors.{key}'")
+        where = f"{source}: key 'factors.{key}'"
+        _change(plant["actuators"], str(key), factor, robot, where, operator.mul)
     for joint, changes in joints.items():
         where = f"{source}: key 'joints.{joint}'"
         drive = _drive(plant["actuators"], joint, where)
@@ -102,25 +125,65 @@ def _resolve(
     return plant, (parent_path, *further)
 
 
+def _parent(path: Path, data: Tree, find: Callable[[str], Path], draw: int) -> Path:
+    """Take the key ``extends`` out of a mapping; return the file of the plant, of several that of the draw."""
+    where = f"{path}: key 'extends'"
+    given = data.pop("extends")
+    names = given if isinstance(given, list) else [given]
+    if not names or not all(isinstance(name, str) for name in names):
+        expected = "expected the name of a plant, or a list of names"
+        raise ConfigError(f"{where}: {expected}, got {as_written(given)}")
+    if isinstance(given, list) and not isinstance(data.get("randomise"), dict):
+        raise ConfigError(
+            f"{where}: of several plants each draw extends one, and nothing is drawn here (no key 'randomise')"
+        )
+    paths = []
+    for name in names:
+        try:
+            found = find(name)
+        except UnknownNameError as error:
+            raise ConfigError(f"{where}: {error}") from error
+        inside = not found.is_absolute() and not found.exists()
+        paths.append(path.parent / found if inside else found)
+    return paths[draw % len(paths)]
+
+
+def _check_development(plant: Tree, changes: Tree, source: str) -> None:
+    """Refuse a variant with more draws for development than the plant it extends: they are the same robots."""
+    most = _development(plant)
+    drawing = changes.get("randomise")
+    if most is None or not isinstance(drawing, dict) or "development" not in drawing:
+        return
+    own = _development(changes)
+    if own is None or own > most:
+        raise ConfigError(
+            f"{source}: key 'randomise.development': the plant it extends has {most}, and a variant has no more"
+        )
+
+
+def _development(plant: Tree) -> int | None:
+    drawing = plant.get("randomise")
+    number = drawing.get("development") if isinstance(drawing, dict) else None
+    return number if isinstance(number, int) else None
+
+
 def randomise(
-    data: Tree, drawing: Randomisation, robot: RobotConfig, draw: int, source: str
+    data: Tree,
+    drawing: Randomisation,
+    robot: RobotConfig,
+    source: str,
+    *,
+    draw: int,
+    day: int = 0,
 ) -> None:
-    """Change a complete mapping in place into the ``draw``-th robot."""
+    """Change a complete mapping in place into the ``draw``-th robot, on a day of its own."""
     # The order of draws below must stay: another one makes other robots of the same number, with other hashes.
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([draw, 0x9E1])))
     data["actuators"] = _one_joint_each(data.get("actuators"), f"{source}: key 'actuators'")
-    for key, bounds in drawing.factors.items():
-        where = f"{source}: key 'randomise.factors.{key}'"
-        # Log-uniform: half and twice a value are then as likely.
-        logs = np.log(_ordered(bounds, where))
-        drawn = {name: float(np.exp(rng.uniform(*logs))) for name in robot.joint_names}
-        _scale(data["actuators"], key, drawn, robot, where)
-    for key, bounds in drawing.values.items():
-        where = f"{source}: key 'randomise.values.{key}'"
-        holder, last = _place(data, key, where)
-        lower, upper = _ordered(bounds, where)
-        holder[last] = lower + float(rng.uniform()) * (upper - lower)
-    smallest, largest = _ordered(drawing.model_error, f"{source}: key 'randomise.model_error'")
+    where = f"{source}: key 'randomise"
+    _draw_factors(data, drawing.factors, robot, rng, where)
+    _draw_values(data, drawing.values, rng, where)
+    smallest, largest = _ordered(drawing.model_error, f"{where}.model_error'")
     body = data.setdefault("body", {})
     for link, com in _centres_of_mass(robot).items():
         fraction = rng.uniform(smallest, largest) * rng.choice([-1.0, 1.0])
@@ -130,7 +193,38 @@ def randomise(
             body.setdefault("masses", {})[link] = 1.0 + float(fraction)
             shift = size * direction / np.linalg.norm(direction)
             body.setdefault("coms", {})[link] = [float(x) for x in shift]
+    for key, bounds in drawing.offsets.items():
+        lower, upper = _ordered(bounds, f"{where}.offsets.{key}'")
+        added = {name: float(rng.uniform(lower, upper)) for name in robot.joint_names}
+        _change(data["actuators"], key, added, robot, f"{where}.offsets.{key}'", operator.add)
+    for key, (first, last) in drawing.integers.items():
+        holder, part = _place(data, key, f"{where}.integers.{key}'")
+        _ordered((first, last), f"{where}.integers.{key}'")
+        # Python's own integers: there is no largest one.
+        holder[part] = first + int(rng.uniform() * (last - first + 1))
     data["name"] = f"{data.get('name')}-{draw}"
+    if drawing.days is not None and day > 0:
+        rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([draw, day, 0xDA7])))
+        _draw_factors(data, drawing.days.factors, robot, rng, f"{where}.days")
+        _draw_values(data, drawing.days.values, rng, f"{where}.days")
+        data["name"] += f"-day-{day}"
+
+
+def _draw_factors(
+    data: Tree, factors: Factors, robot: RobotConfig, rng: np.random.Generator, where: str
+) -> None:
+    for key, bounds in factors.items():
+        # Log-uniform: half and twice a value are then as likely.
+        logs = np.log(_ordered(bounds, f"{where}.factors.{key}'"))
+        drawn = {name: float(np.exp(rng.uniform(*logs))) for name in robot.joint_names}
+        _change(data["actuators"], key, drawn, robot, f"{where}.factors.{key}'", operator.mul)
+
+
+def _draw_values(data: Tree, values: Values, rng: np.random.Generator, where: str) -> None:
+    for key, bounds in values.items():
+        holder, last = _place(data, key, f"{where}.values.{key}'")
+        lower, upper = _ordered(bounds, f"{where}.values.{key}'")
+        holder[last] = lower + float(rng.uniform()) * (upper - lower)
 
 
 def _ordered(bounds: tuple[float, float], where: str) -> tuple[float, float]:
@@ -168,9 +262,16 @@ def _drive(actuators: list[Tree], joint: object, where: str) -> Tree:
     raise ConfigError(f"{where}: unknown joint '{joint}'{suggestion(str(joint), known)}")
 
 
-def _scale(actuators: list[Tree], key: str, factor: object, robot: RobotConfig, where: str) -> None:
-    """Multiply one value of the drives: by one factor for all joints, or by joint."""
-    by_joint = factor if isinstance(factor, dict) else dict.fromkeys(robot.joint_names, factor)
+def _change(
+    actuators: list[Tree],
+    key: str,
+    by: object,
+    robot: RobotConfig,
+    where: str,
+    operation: Callable[[float, float], float],
+) -> None:
+    """Multiply one value of the drives, or add to it: by one number for all joints, or by joint."""
+    by_joint = by if isinstance(by, dict) else dict.fromkeys(robot.joint_names, by)
     for joint, number in by_joint.items():
         if not (is_number(number) and math.isfinite(number)):
             raise ConfigError(
@@ -178,10 +279,10 @@ def _scale(actuators: list[Tree], key: str, factor: object, robot: RobotConfig, 
             )
         holder, last = _place(_drive(actuators, joint, where), key, where)
         try:
-            holder[last] = float(holder[last]) * float(number)
+            holder[last] = operation(float(holder[last]), float(number))
         # Integers in YAML may be larger than any float.
         except OverflowError as error:
-            raise ConfigError(f"{where}: the factor is beyond all measure") from error
+            raise ConfigError(f"{where}: the number is beyond all measure") from error
 
 
 def _place(tree: Tree, key: str, where: str) -> tuple[Any, Any]:

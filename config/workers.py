@@ -62,10 +62,27 @@ def run_jobs(
         try:
             with nullcontext() if isinstance(workers, Cluster) else _starting():
                 results = pool(delayed(job)() for job in jobs)
-            yield from results
+            with one_core(workers):
+                yield from results
         finally:
             if results is not None:
                 results.close()
+
+
+@contextmanager
+def one_core(workers: Workers) -> Iterator[None]:
+    """Keep linear algebra to one thread where one worker was asked for, which is this process: one core in all.
+
+    The processes of several workers share the cores by joblib's own doing.
+    """
+    if workers != 1:
+        yield
+        return
+    import scipy.linalg  # noqa: F401 it brings an algebra library of its own, which must be there to be limited
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(limits=1):
+        yield
 
 
 def _on_this_machine(workers: int) -> dict[str, Any]:

@@ -399,19 +399,20 @@ class MujocoBackend(Serial, Backend):
 
 
 def from_uri(uri: BackendUri, robot: RobotConfig) -> MujocoBackend:
-    """``mujoco://?plant=NAME_OR_FILE&draw=N&world=NAME_OR_FILE&seed=N&posture=NAME&window=1``; all keys optional."""
-    uri.check_keys({"plant", "draw", "world", "seed", "posture", "window"}, host=False)
+    """``mujoco://?plant=NAME_OR_FILE&draw=N&day=N&world=NAME_OR_FILE&seed=N&posture=NAME&window=1``; all optional."""
+    uri.check_keys({"plant", "draw", "day", "world", "seed", "posture", "window"}, host=False)
     if uri.query.get("window", "0") not in ("0", "1"):
         raise ConfigError(f"backend '{uri.text}': window takes 0 or 1")
     draw = uri.integer("draw", 0) if "draw" in uri.query else None
+    day = uri.integer("day", 0) if "day" in uri.query else None
     plant = uri.query.get("plant", "nominal")
     return MujocoBackend(
         robot,
-        load_plant(plant, robot, draw=draw),
+        load_plant(plant, robot, draw=draw, day=day),
         world=load_world(uri.query.get("world", "empty")),
         seed=uri.integer("seed", 0),
         posture=uri.query.get("posture", "Stand"),
         window=uri.integer("window", 0) == 1,
         uri=uri.text,
-        parents=parent_plants(plant, robot, draw=draw),
+        parents=parent_plants(plant, robot, draw=draw, day=day),
     )

@@ -6,7 +6,8 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from statistics import median
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -30,17 +31,21 @@ from pepper_driver.config import (
     load_experiment,
     load_robot,
 )
+from pepper_driver.config.population import parse_draws
 from pepper_driver.identification import (
     MANIFEST,
     Confirm,
     Identification,
     IdentificationRun,
+    IdentifiedRobot,
     Progress,
     RecordingFolderError,
+    RobotProgress,
     chosen_joints,
     finished,
     fit_folder,
     identify_joints,
+    identify_population,
     read_manifest,
     record_joints,
 )
@@ -102,7 +107,12 @@ NO_CALIBRATION = "none"
 
 
 def identify(
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Model file to write.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="FILE", help="Model file to write; with --draws, the folder for them."
+        ),
+    ],
     backend: Annotated[
         str | None, typer.Option(metavar="URI", help=f"Robot to drive; {BACKEND} by default.")
     ] = None,
@@ -143,6 +153,13 @@ def identify(
     fit_only: Annotated[
         bool, typer.Option("--fit-only", help="Fit the recordings in DIR again, without a robot.")
     ] = False,
+    draws: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST",
+            help="Draws of a simulated plant to identify, such as 0-19 or 0,3,7-9, a file each; by default one robot.",
+        ),
+    ] = None,
     yes: Annotated[
         bool,
         typer.Option("--yes", help="Do not ask before a real robot moves its legs or its base."),
@@ -171,18 +188,21 @@ def identify(
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
     json_file: JsonOption = None,
-) -> None:
+) -> int:
     """Drive joints in free motion, fit an expected-error model to each, write the model file."""
     console = make_console()
-    check_outputs(out, json_file)
+    check_outputs(None if draws is not None else out, json_file)
     folder = out.with_name(f"{out.stem}-recordings") if recordings is None else recordings
     if fit_only:
-        _refuse_with_fit_only(
+        _refuse_with(
+            "fit-only",
+            "all is as it was recorded",
             backend=backend,
             joints=joints,
             seed=seed,
             experiment=experiment,
             calibration=calibration,
+            draws=draws,
         )
     else:
         robot = load_robot()
@@ -191,6 +211,31 @@ def identify(
         full, tested = chosen_joints(robot, chosen, named, mirror=mirror, share_types=share_types)
         name = calibration or CALIBRATION
         body = None if name == NO_CALIBRATION else load_experiment(name, robot)
+    if draws is not None:
+        _refuse_with("draws", "each robot has a folder of its own", recordings=recordings)
+        numbers = parse_draws(draws)
+        with (
+            chosen_workers(workers, cluster, console) as pool,
+            _robots(console, len(numbers), out) as progress,
+        ):
+            robots = identify_population(
+                backend or BACKEND,
+                numbers,
+                chosen,
+                kind,
+                out,
+                joints=named,
+                calibration=body,
+                seed=chosen.seed if seed is None else seed,
+                mirror=mirror,
+                share_types=share_types,
+                workers=pool,
+                progress=progress,
+            )
+        print_population(console, robots, kind)
+        console.print(f"models: {out}")
+        save_json(json_file, population_json(robots), console)
+        return 1 if any(one.state == "failed" for one in robots) else 0
     with chosen_workers(workers, cluster, console) as pool:
         if not fit_only:
             with _resumable(folder, console), _progress(console) as (progress, confirm):
@@ -215,6 +260,7 @@ def identify(
     print_fits(console, result)
     console.print(f"models: {out}; recordings: {folder}")
     save_json(json_file, result.as_json(), console)
+    return 0
 
 
 def identify_with_progress(
@@ -238,12 +284,86 @@ def identify_with_progress(
         )
 
 
-def _refuse_with_fit_only(**options: object) -> None:
+def print_population(console: Console, robots: Sequence[IdentifiedRobot], kind: ModelKind) -> None:
+    """Print what became of each robot, why some failed, and a line that counts them."""
+    table = Table(title="robots, test fit in NRMSE %", title_justify="left")
+    for name in ("robot", "", "median", "worst", "joint", "warnings", "file"):
+        table.add_column(
+            name, justify="right" if name in ("median", "worst", "warnings") else "left"
+        )
+    for one in robots:
+        if one.file is None:
+            table.add_row(one.name, one.state, "-", "-", "-", "-", "-")
+            continue
+        fits = {joint: fit["test"] for joint, fit in one.report["fit"][kind].items()}
+        worst = min(fits, key=lambda joint: fits[joint])
+        middle, least = f"{median(fits.values()):.1f}", f"{fits[worst]:.1f}"
+        warnings = str(len(one.warnings))
+        table.add_row(one.name, one.state, middle, least, worst, warnings, one.file.name)
+    console.print(table)
+    for one in robots:
+        for warning in one.warnings:
+            console.print(f"warning: {one.name}: {warning}")
+    failed = [one for one in robots if one.state == "failed"]
+    for one in failed:
+        console.print(f"failed: {one.name}: {one.reason}")
+    kept = sum(one.state == "kept" for one in robots)
+    counted = f"{len(robots) - len(failed)} of {len(robots)} robots identified"
+    if kept:
+        counted += f", {kept} of them earlier"
+    warned = sum(bool(one.warnings) for one in robots)
+    if warned:
+        counted += f"; {warned} with warnings"
+    if failed:
+        counted += f"; {len(failed)} failed: {', '.join(one.name for one in failed)}"
+    console.print(counted)
+
+
+def population_json(robots: Sequence[IdentifiedRobot]) -> dict[str, Any]:
+    """``robots.<draw>.{name,state,file,reason,...}`` with what a single robot has, and ``identified``, ``failed``."""
+    failed = sum(one.state == "failed" for one in robots)
+    return {
+        "identified": len(robots) - failed,
+        "failed": failed,
+        "robots": {
+            str(one.draw): {
+                "name": one.name,
+                "state": one.state,
+                "file": None if one.file is None else str(one.file),
+                "reason": one.reason,
+                **one.report,
+            }
+            for one in robots
+        },
+    }
+
+
+@contextmanager
+def _robots(console: Console, total: int, folder: Path) -> Iterator[RobotProgress]:
+    """Yield a bar over the robots; print how to continue when it is interrupted."""
+    before = ended = 0
+    with make_progress(console, count=True) as bars:
+        bar = bars.add_task("identifying robots", total=total, before=0)
+
+        def report_progress(one: IdentifiedRobot, done: int, total: int) -> None:
+            nonlocal before, ended
+            before, ended = before + (one.state == "kept"), done
+            what = f"identifying robots: {one.name} {one.state}"
+            bars.update(bar, description=what, completed=done, total=total, before=before)
+
+        try:
+            yield report_progress
+        except KeyboardInterrupt:
+            console.print(
+                f"{ended} of {total} robots are done; the same command continues with what is kept in {folder}"
+            )
+            raise
+
+
+def _refuse_with(option: str, why: str, **options: object) -> None:
     given = [name for name, value in options.items() if value is not None]
     if given:
-        raise ConfigError(
-            f"option '--{given[0]}': with '--fit-only' all is as it was recorded; leave it out"
-        )
+        raise ConfigError(f"option '--{given[0]}': with '--{option}' {why}; leave it out")
 
 
 @contextmanager

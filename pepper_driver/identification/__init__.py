@@ -20,6 +20,11 @@ from pepper_driver.identification.identify import (
     identify_joints,
     record_joints,
 )
+from pepper_driver.identification.population import (
+    IdentifiedRobot,
+    RobotProgress,
+    identify_population,
+)
 from pepper_driver.identification.quality import Finding, inspect_recordings
 from pepper_driver.identification.runs import (
     CALIBRATION_STIFFNESS,
@@ -41,9 +46,11 @@ __all__ = [
     "Identification",
     "IdentificationDataset",
     "IdentificationRun",
+    "IdentifiedRobot",
     "JointDataset",
     "Progress",
     "RecordingFolderError",
+    "RobotProgress",
     "SharedFit",
     "check_dry_run",
     "chosen_joints",
@@ -51,6 +58,7 @@ __all__ = [
     "fit_folder",
     "fit_models",
     "identify_joints",
+    "identify_population",
     "inspect_recordings",
     "load_recordings",
     "mirror_joint",

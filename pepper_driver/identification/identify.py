@@ -22,7 +22,7 @@ from pepper_driver.config import (
 )
 from pepper_driver.config.file_lock import lock_folder
 from pepper_driver.config.files import write_bytes
-from pepper_driver.config.workers import Workers, run_jobs
+from pepper_driver.config.workers import Workers, one_core, run_jobs
 from pepper_driver.experiments.plan import experiment_uri
 from pepper_driver.identification.dataset import (
     IdentificationDataset,
@@ -163,8 +163,8 @@ class Identification:
 
     Attributes:
         models: Of the chosen kind.
-        fits: By method and joint: the chosen kind first, then the trees of the paper, then, on a simulated robot, the
-            closed form of Eq. 11 with the plant's true parameters.
+        fits: By method and joint: the chosen kind first; where methods were compared, then the trees of the paper and,
+            on a simulated robot, the closed form of Eq. 11 with the plant's true parameters.
         recorded: Joints that were recorded; the others that have models are their mirror images.
         shared: Loss of shared models, where motor types have one.
         findings: Why the models may be poor.
@@ -294,6 +294,7 @@ def fit_folder(
     folder: Path,
     kind: ModelKind,
     *,
+    compare: bool = True,
     mirror: bool = True,
     share_types: bool = False,
     workers: Workers = -1,
@@ -303,13 +304,21 @@ def fit_folder(
     Args:
         folder: Where :func:`record_joints` left them.
         kind: Of the models.
+        compare: Whether trees and closed form are fitted too, to say how well they predict.
         mirror: Also models of the other side, from the recordings seen in a mirror.
         share_types: One model per motor type.
-        workers: Processes, -1 for one per core; or a cluster.
+        workers: Processes, -1 for one per core; or a cluster. With 1, all runs on one core.
 
     Raises:
         PepperError: Recordings that are missing, damaged, of another robot, or determine nothing.
     """
+    with one_core(workers):
+        return _fit_folder(folder, kind, compare, mirror, share_types, workers)
+
+
+def _fit_folder(
+    folder: Path, kind: ModelKind, compare: bool, mirror: bool, share_types: bool, workers: Workers
+) -> Identification:
     robot = load_robot()
     manifest, recordings = read_manifest(folder), load_recordings(folder, robot)
     share_types = share_types or bool(manifest.tested)
@@ -317,12 +326,13 @@ def fit_folder(
         kind, recordings, robot, mirror=mirror, share_types=share_types, workers=workers
     )
     fits: dict[str, dict[str, FitScore[float]]] = {kind: fitted.fits}
-    for other in TREE_TYPES:
-        if other != kind:
-            fits[other] = fit_models(
-                other, recordings, robot, mirror=mirror, share_types=share_types
-            ).fits
-    fits |= _closed_form(manifest, recordings, robot, mirror=mirror)
+    if compare:
+        for other in TREE_TYPES:
+            if other != kind:
+                fits[other] = fit_models(
+                    other, recordings, robot, mirror=mirror, share_types=share_types
+                ).fits
+        fits |= _closed_form(manifest, recordings, robot, mirror=mirror)
     return Identification(
         models=ModelSet(
             robot=robot.name,

@@ -139,6 +139,9 @@ EVEN = st.sampled_from([[0.0, 0.0], [0.01, 0.1]])
     st.dictionaries(st.sampled_from(KEYS), PAIR, max_size=2),
     st.dictionaries(st.sampled_from(OTHERS), PAIR, max_size=2),
     EVEN | PAIR,
+    st.dictionaries(st.sampled_from(KEYS), PAIR, max_size=2),
+    st.dictionaries(st.sampled_from(OTHERS), st.tuples(ANY, ANY).map(list), max_size=1),
+    st.integers(0, 2**40),
     st.integers(0, 2**40),
 )
 def test_any_drawing_gives_a_plant_or_one_line(
@@ -146,16 +149,26 @@ def test_any_drawing_gives_a_plant_or_one_line(
     factors: Tree,
     values: Tree,
     error: list[float],
+    offsets: Tree,
+    integers: Tree,
     draw: int,
+    day: int,
 ) -> None:
-    drawing = {"factors": factors, "values": values, "model_error": error}
+    first = {"factors": factors, "values": values}
+    drawing = {
+        **first,
+        "model_error": error,
+        "offsets": offsets,
+        "integers": integers,
+        "days": first,
+    }
     path = variant(tmp_path_factory.mktemp("plant"), randomise=drawing)
     try:
-        plant = load_plant(path, ROBOT, draw=draw)
+        plant = load_plant(path, ROBOT, draw=draw, day=day)
     except ConfigError as problem:
         assert str(problem).startswith(path)
     else:
-        assert plant.name == f"mine-{draw}"
+        assert plant.name == (f"mine-{draw}-day-{day}" if day else f"mine-{draw}")
 
 
 @pytest.mark.parametrize(

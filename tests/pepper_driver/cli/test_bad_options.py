@@ -185,6 +185,32 @@ CASES: list[tuple[str, str]] = [
         "identify --out x.json --fit-only --recordings folder",
         "folder: no recordings there (no manifest.json); record with 'pepper identify --recordings",
     ),
+    (
+        "identify --out folder --draws 0-3 --backend mujoco://?plant=random&draw=1",
+        "backend 'mujoco://?plant=random&draw=1': its draw says nothing beside a list of draws",
+    ),
+    (
+        "identify --out folder --draws 100-119 --backend mujoco://?plant=random",
+        "random.yaml: draw 119 is held out for the test split of the evaluation, as all from 100 on; for development",
+    ),
+    ("identify --out folder --draws 0-3", "nominal.yaml: draws nothing (no key 'randomise')"),
+    ("identify --out folder --draws 3-1", "draws: the range 3-1 ends before it begins"),
+    (
+        "identify --out folder --draws x",
+        "draws: expected numbers and ranges such as 0-19 or 0,3,7-9",
+    ),
+    (
+        "identify --out text --draws 0 --backend mujoco://?plant=random",
+        "text: cannot be made (there",
+    ),
+    (
+        "identify --out folder --draws 0 --recordings folder",
+        "option '--recordings': with '--draws' each robot has a folder of its own; leave it out",
+    ),
+    (
+        "identify --out x.json --fit-only --draws 0",
+        "option '--draws': with '--fit-only' all is as it was recorded; leave it out",
+    ),
     ("record --label head", "Missing option '--out'."),
     (
         "record --out x.mcap",

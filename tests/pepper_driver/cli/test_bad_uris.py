@@ -34,7 +34,7 @@ CASES = [
     ("mujoco:plant=worn", "backend 'mujoco:plant=worn': a path says nothing here"),
     (
         "mujoco://worn",
-        "backend 'mujoco://worn': 'worn' says nothing here; write mujoco://?key=value with draw,",
+        "backend 'mujoco://worn': 'worn' says nothing here; write mujoco://?key=value with day, draw,",
     ),
     ("mujoco://?plant", "backend 'mujoco://?plant': after '?' come key=value, with & between them"),
     ("mujoco://?&", "backend 'mujoco://?&': after '?' come key=value, with & between them"),
@@ -82,6 +82,18 @@ CASES = [
     (
         "mujoco://?plant=random&draw=-1",
         "backend 'mujoco://?plant=random&draw=-1': draw must be a whole number, 0 or more, got '-1'",
+    ),
+    (
+        "mujoco://?plant=random&draw=100",
+        "random.yaml: draw 100 is held out for the test split of the evaluation, as all from 100 on",
+    ),
+    (
+        "mujoco://?plant=nominal&day=1",
+        "nominal.yaml: all days of its robots are alike (no key 'randomise.days'), so day=1 says nothing",
+    ),
+    (
+        "mujoco://?plant=random&day=-1",
+        "backend 'mujoco://?plant=random&day=-1': day must be a whole number, 0 or more, got '-1'",
     ),
     (
         "mujoco://?plant=random&draw=x",

@@ -29,6 +29,7 @@ from support.identification import (
     short_files,
     use_backends,
 )
+from support.plant_files import save
 from support.waiting import PATIENCE, wait_until
 
 AFFINE = ["--model-type", "affine", "--calibration", "none"]
@@ -263,3 +264,53 @@ def test_legs_are_not_moved_without_the_balance_constraint(
     assert run(["identify", *options, *short_files(tmp_path)]) == 2
     assert "'constraints.balance' is false" in capsys.readouterr().err
     assert len(made) == 1
+
+
+def test_many_robots_are_identified_counted_and_taken_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Some draws have a gap that is wider than the range of the hand.
+    plant = save(
+        tmp_path, {"name": "mine", "extends": "random", "factors": {"half_gap": {"LHand": 50.0}}}
+    )
+    options = ["--out", str(tmp_path / "out"), "--joints", "LElbowRoll", "--workers", "2"]
+    options += ["--backend", f"mujoco://?plant={plant}", "--json", str(tmp_path / "figures.json")]
+    options += [*AFFINE, "--experiment", short_files(tmp_path)[1]]
+    assert run(["identify", "--draws", "0-3", *options]) == 1
+    content = json.loads((tmp_path / "figures.json").read_text())
+    states = {draw: robot["state"] for draw, robot in content["robots"].items()}
+    good = [draw for draw, state in states.items() if state == "identified"]
+    failed = ", ".join(f"mine-{draw}" for draw, state in states.items() if state == "failed")
+    assert (content["identified"], content["failed"]) == (len(good), 4 - len(good))
+    assert 0 < len(good) < 4
+    lines = capsys.readouterr().out.splitlines()
+    counted = next(line for line in lines if "robots identified" in line)
+    assert counted.startswith(f"{len(good)} of 4 robots identified; {len(good)} with warnings; ")
+    assert counted.endswith(f"failed: {failed}")
+    reasons = [line for line in lines if line.startswith("failed: mine-")]
+    assert len(reasons) == 4 - len(good)
+    assert all("the gap of LHand is wider than the joint's range" in line for line in reasons)
+    for draw in good:
+        robot = content["robots"][draw]
+        assert set(robot["fit"]) == {"affine"}
+        assert set(ModelSet.load(robot["file"]).models) == {"LElbowRoll", "RElbowRoll"}
+
+    monkeypatch.setattr(
+        "pepper_driver.identification.population.run_jobs", lambda *a, **k: iter(())
+    )
+    assert run(["identify", "--draws", ",".join(good), *options]) == 0
+    shown = capsys.readouterr().out
+    assert f"{len(good)} of {len(good)} robots identified, {len(good)} of them earlier" in shown
+
+
+def test_ctrl_c_in_a_population_says_how_to_go_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(identify_module, "perform", interrupted)
+    options = ["--backend", "mujoco://?plant=random", "--draws", "0-1", "--workers", "1", *AFFINE]
+    code = run(["identify", "--out", str(tmp_path / "out"), *options])
+    assert code == 130
+    assert "0 of 2 robots are done; the same command continues" in capsys.readouterr().out

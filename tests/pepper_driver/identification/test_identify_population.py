@@ -1,0 +1,272 @@
+"""The robots of a population are identified one by one, kept by all that makes them, and counted when they fail."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pepper_driver.config import ConfigError, PepperError
+from pepper_driver.config.files import OutputError
+from pepper_driver.config.population import HeldOutDrawError, allow_test_draws
+from pepper_driver.identification import (
+    IdentifiedRobot,
+    fit_folder,
+    identify_population,
+    record_joints,
+)
+from pepper_driver.identification import identify as identify_module
+from pepper_driver.identification import population as population_module
+from pepper_driver.identification.runs import IdentificationRun, perform
+from pepper_driver.observer import ModelSet, Recording
+from support.identification import SHORT
+from support.plant_files import save
+
+PLANT = "mujoco://?plant=random"
+JOINT = "LElbowRoll"
+
+
+def identified(
+    folder: Path, *draws: int, workers: int = 1, seed: int = 0, uri: str = PLANT
+) -> tuple[IdentifiedRobot, ...]:
+    return identify_population(
+        uri, draws, SHORT, "affine", folder, joints=[JOINT], seed=seed, workers=workers
+    )
+
+
+@pytest.fixture
+def runs(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
+    """Addresses and names of the runs that are performed."""
+    performed: list[tuple[str, str]] = []
+
+    def counted(uri: str, run: IdentificationRun, **options: str) -> Recording:
+        performed.append((uri, run.name))
+        return perform(uri, run, identity=options["identity"])
+
+    monkeypatch.setattr(identify_module, "perform", counted)
+    return performed
+
+
+def failing(
+    monkeypatch: pytest.MonkeyPatch, draw: int, error: BaseException, after: int = 0
+) -> None:
+    """Let the runs of one robot fail, after some of them."""
+    done: list[str] = []
+
+    def fails(uri: str, run: IdentificationRun, **options: str) -> Recording:
+        if f"draw={draw}&" in f"{uri}&":
+            done.append(run.name)
+            if len(done) > after:
+                raise error
+        return perform(uri, run, identity=options["identity"])
+
+    monkeypatch.setattr(identify_module, "perform", fails)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[IdentifiedRobot, ...]:
+    """Two robots, each identified in a process of its own."""
+    return identified(tmp_path_factory.mktemp("population"), 3, 2, workers=2)
+
+
+def folder_of(robots: tuple[IdentifiedRobot, ...]) -> Path:
+    assert robots[0].file is not None
+    return robots[0].file.parent
+
+
+def test_each_robot_is_identified_as_a_single_one(
+    made: tuple[IdentifiedRobot, ...], tmp_path: Path
+) -> None:
+    assert [(one.draw, one.name, one.state) for one in made] == [
+        (3, "random-3", "identified"),
+        (2, "random-2", "identified"),
+    ]
+    for one in made:
+        record_joints(f"{PLANT}&draw={one.draw}", [JOINT], SHORT, tmp_path / one.name, workers=1)
+        alone = fit_folder(tmp_path / one.name, "affine")
+        assert one.file is not None
+        models = ModelSet.load(one.file)
+        assert models == replace(alone.models, created_by=models.created_by)
+        assert one.report["fit"]["affine"] == alone.as_json()["fit"]["affine"]
+        assert one.file.name.startswith(f"{one.name}-")
+    # Nothing stays but models and reports.
+    assert len(list(folder_of(made).iterdir())) == 4
+
+
+def test_what_is_there_is_taken(
+    made: tuple[IdentifiedRobot, ...], runs: list[tuple[str, str]]
+) -> None:
+    seen: list[tuple[str, str, int, int]] = []
+    again = identify_population(
+        PLANT,
+        [3, 2],
+        SHORT,
+        "affine",
+        folder_of(made),
+        joints=[JOINT],
+        workers=1,
+        progress=lambda one, done, total: seen.append((one.name, one.state, done, total)),
+    )
+    assert not runs
+    assert again == tuple(replace(one, state="kept") for one in made)
+    assert seen == [("random-2", "kept", 1, 2), ("random-3", "kept", 2, 2)]
+
+
+@pytest.mark.parametrize(
+    ("what", "damage"),
+    [
+        ("models", lambda text: text[: len(text) // 2]),
+        ("report", lambda text: "[]"),
+        ("report", lambda text: text[:9]),
+        ("models", None),
+    ],
+)
+def test_what_is_damaged_is_made_again(
+    made: tuple[IdentifiedRobot, ...], runs: list[tuple[str, str]], what: str, damage: object
+) -> None:
+    file = made[1].file
+    assert file is not None
+    before = file.read_bytes()
+    path = file if what == "models" else file.with_name(f"{file.stem}-report.json")
+    if callable(damage):
+        path.write_text(damage(path.read_text()))
+    else:
+        path.unlink()
+    states = [one.state for one in identified(folder_of(made), 3, 2)]
+    assert states == ["kept", "identified"]
+    assert {f"draw={made[1].draw}" in uri for uri, _ in runs} == {True}
+    assert file.read_bytes() == before
+
+
+def test_the_name_of_the_file_holds_what_the_models_depend_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failing(monkeypatch, 2, PepperError("not now"))
+    folders = []
+
+    def note(**options: object) -> None:
+        population_options = {"uri": PLANT, "seed": 0, **options}
+        identified(tmp_path, 2, **population_options)  # type: ignore[arg-type]
+        folders.append({path.name for path in tmp_path.iterdir()})
+
+    note()
+    note()
+    assert len(folders[-1]) == 1, "the same"
+    note(seed=1)
+    note(uri=f"{PLANT}&seed=1")
+    note(uri=f"{PLANT}&day=1")
+    mine = save(tmp_path.parent, {"name": "x/../y", "extends": "random"}, "random.yaml")
+    note(uri=f"mujoco://?plant={mine}")  # under this name the same robot
+    assert [len(names) for names in folders] == [1, 1, 2, 3, 4, 4]
+    monkeypatch.setattr(population_module, "sources_hash", lambda apart: "other code")
+    note()
+    monkeypatch.setattr(population_module, "environment", lambda: {"numpy": "1.0"})
+    note()
+    assert [len(names) for names in folders[-2:]] == [5, 6]
+    assert all(name.startswith("random-2-") for name in folders[-1])
+
+
+def test_a_robot_that_fails_is_said_and_the_others_are_identified(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failing(monkeypatch, 2, PepperError("the robot was stopped: it fell"))
+    first, second = identified(tmp_path, 2, 4)
+    assert (first.state, first.reason) == ("failed", "the robot was stopped: it fell")
+    assert first.file is None
+    assert second.state == "identified"
+    failing(monkeypatch, 2, ZeroDivisionError("a defect\nof two lines"))
+    first, second = identified(tmp_path, 2, 4)
+    assert (first.state, first.reason) == ("failed", "ZeroDivisionError: a defect")
+    assert second.state == "kept"
+    monkeypatch.undo()
+    assert [one.state for one in identified(tmp_path, 2, 4)] == ["identified", "kept"]
+
+
+def test_a_robot_that_cannot_be_built_is_counted(tmp_path: Path) -> None:
+    # Some draws have a gap that is wider than the range of the hands.
+    mine = {"name": "mine", "extends": "random", "factors": {"half_gap": {"LHand": 50.0}}}
+    uri = f"mujoco://?plant={save(tmp_path, mine)}"
+    robots = identified(tmp_path / "out", *range(4), uri=uri)
+    states = {one.draw: one.state for one in robots}
+    assert set(states.values()) == {"failed", "identified"}
+    for one in robots:
+        assert ("half_gap" in one.reason) == (one.state == "failed")
+
+
+def test_what_was_interrupted_continues(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, runs: list[tuple[str, str]]
+) -> None:
+    failing(monkeypatch, 4, KeyboardInterrupt(), after=2)
+    with pytest.raises(KeyboardInterrupt):
+        identified(tmp_path, 2, 4)
+    (recordings,) = tmp_path.glob("*-recordings")
+    kept = {path.stem for path in recordings.glob("*.npz")}
+    assert recordings.name.startswith("random-4-")
+    assert len(kept) == 2
+    monkeypatch.undo()
+    performed: list[str] = []
+
+    def counted(uri: str, run: IdentificationRun, **options: str) -> Recording:
+        performed.append(run.name)
+        return perform(uri, run, identity=options["identity"])
+
+    monkeypatch.setattr(identify_module, "perform", counted)
+    assert [one.state for one in identified(tmp_path, 2, 4)] == ["kept", "identified"]
+    assert len(performed) == 1
+    assert performed[0] not in kept
+    assert not recordings.exists()
+
+
+def test_draws_for_tests_are_refused_before_anything_moves(
+    tmp_path: Path, runs: list[tuple[str, str]]
+) -> None:
+    for draws in ([100], [0, 1, 119]):
+        with pytest.raises(HeldOutDrawError, match=f"draw {draws[-1]} is held out"):
+            identified(tmp_path / "out", *draws)
+    assert not runs
+    assert not (tmp_path / "out").exists()
+
+
+def test_inside_the_block_draws_for_tests_are_identified_in_other_processes(tmp_path: Path) -> None:
+    with allow_test_draws():
+        robots = identified(tmp_path, 100, 101, workers=2)
+    assert [one.state for one in robots] == ["identified", "identified"]
+    assert [one.name for one in robots] == ["random-100", "random-101"]
+    with pytest.raises(HeldOutDrawError):
+        identified(tmp_path, 100, workers=2)
+
+
+@pytest.mark.parametrize(
+    ("uri", "message"),
+    [
+        ("mujoco", "draws nothing"),
+        ("mujoco://?plant=random&draw=2", "its draw says nothing beside a list of draws"),
+        ("mujoco://?plant=randon", "did you mean random"),
+        ("mock", "unknown key 'draw'"),
+        ("naoqi://127.0.0.1", "unknown key 'draw'"),
+    ],
+)
+def test_a_backend_without_draws_is_refused(tmp_path: Path, uri: str, message: str) -> None:
+    with pytest.raises((ConfigError, PepperError), match=message):
+        identified(tmp_path / "out", 0, 1, uri=uri)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="there is a file of this name"):
+        identified(tmp_path / "file", 0)
+
+
+def test_a_joint_of_which_the_models_know_nothing_is_a_warning(
+    made: tuple[IdentifiedRobot, ...],
+) -> None:
+    report = json.loads(json.dumps(made[0].report))
+    (found,) = made[0].warnings
+    assert found.startswith(f"{JOINT}: too little excitation")
+    report["fit"]["affine"][JOINT]["test"] = -3.0
+    report["warnings"] = [{"kind": "gaps", "joint": None, "run": "calibration-1", "text": "gaps"}]
+    assert replace(made[0], report=report).warnings == (
+        "calibration-1: gaps",
+        f"{JOINT}: its model predicts the test run no better than a constant (-3 %)",
+    )
