@@ -190,7 +190,10 @@ def randomise(
         direction = rng.standard_normal(3)
         size = rng.uniform(smallest, largest) * float(np.linalg.norm(com))
         if largest > 0.0:
-            body.setdefault("masses", {})[link] = 1.0 + float(fraction)
+            masses = body.setdefault("masses", {})
+            known = masses.get(link, 1.0)
+            # A value that is no number is refused when the whole is checked.
+            masses[link] = known * (1.0 + float(fraction)) if is_number(known) else known
             shift = size * direction / np.linalg.norm(direction)
             body.setdefault("coms", {})[link] = [float(x) for x in shift]
     for key, bounds in drawing.offsets.items():
