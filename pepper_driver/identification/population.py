@@ -72,7 +72,7 @@ class IdentifiedRobot:
             ", ".join(filter(None, (finding["joint"], finding["run"]))) + f": {finding['text']}"
             for finding in self.report.get("warnings", ())
         ]
-        fits = next(iter(self.report.get("fit", {}).values()), {})
+        fits: dict[str, dict[str, float]] = next(iter(self.report.get("fit", {}).values()), {})
         found += [
             f"{joint}: its model predicts the test run no better than a constant ({fit['test']:.0f} %)"
             for joint, fit in fits.items()
@@ -160,8 +160,9 @@ def identify_population(
         ConfigError: Wrong arguments, or a backend that is no robot with any of these draws.
         OutputError: The folder cannot be written to.
     """
-    robot = load_robot()
-    full, tested = chosen_joints(robot, experiment, joints, mirror=mirror, share_types=share_types)
+    full, tested = chosen_joints(
+        load_robot(), experiment, joints, mirror=mirror, share_types=share_types
+    )
     motion = _Motion(
         experiment=experiment,
         calibration=calibration,
@@ -183,16 +184,18 @@ def identify_population(
     with lock_folder(folder):
         for one in failed:
             take(one)
-        todo = []
-        for one in made:
-            if (kept := _kept(one)) is not None:
-                take(kept)
-            else:
-                todo.append(one)
+        kept = {robot.draw: _kept(robot) for robot in made}
+        for found in filter(None, kept.values()):
+            take(found)
         keep = not isinstance(workers, Cluster)
-        jobs = (with_same_draws(partial(_identify, one, motion, keep)) for one in todo)
-        for one, result in run_jobs(jobs, workers=workers, ordered=False):
-            take(_save(one, result))
+        # A list: what is allowed here is not allowed in the thread that sends the later jobs.
+        jobs = [
+            with_same_draws(partial(_identify, robot, motion, keep))
+            for robot in made
+            if kept[robot.draw] is None
+        ]
+        for robot, result in run_jobs(jobs, workers=workers, ordered=False):
+            take(_save(robot, result))
     return tuple(done[draw] for draw in draws)
 
 

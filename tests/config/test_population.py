@@ -1,5 +1,6 @@
 """Draws for development and draws held out for tests; lists of draws; days of a robot."""
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -148,7 +149,7 @@ def name_of(draw: int) -> str:
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_job_takes_what_is_allowed_to_its_process(workers: int) -> None:
-    jobs = [partial(name_of, draw) for draw in (99, 100)]
+    jobs: list[Callable[[], str]] = [partial(name_of, draw) for draw in (99, 100)]
     assert list(run_jobs(map(with_same_draws, jobs), workers=workers)) == ["random-99", "refused"]
     with allow_test_draws():
         allowed = [with_same_draws(job) for job in jobs]

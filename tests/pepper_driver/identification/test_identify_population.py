@@ -1,11 +1,14 @@
 """The robots of a population are identified one by one, kept by all that makes them, and counted when they fail."""
 
 import json
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from pepper_driver.backends import make_backend
 from pepper_driver.config import ConfigError, PepperError
 from pepper_driver.config.files import OutputError
 from pepper_driver.config.population import HeldOutDrawError, allow_test_draws
@@ -19,7 +22,7 @@ from pepper_driver.identification import identify as identify_module
 from pepper_driver.identification import population as population_module
 from pepper_driver.identification.runs import IdentificationRun, perform
 from pepper_driver.observer import ModelSet, Recording
-from support.identification import SHORT
+from support.identification import ROBOT, SHORT
 from support.plant_files import save
 
 PLANT = "mujoco://?plant=random"
@@ -234,6 +237,30 @@ def test_inside_the_block_draws_for_tests_are_identified_in_other_processes(tmp_
     assert [one.name for one in robots] == ["random-100", "random-101"]
     with pytest.raises(HeldOutDrawError):
         identified(tmp_path, 100, workers=2)
+
+
+def test_inside_the_block_every_robot_is_allowed_however_late_it_is_sent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Other threads send the later jobs."""
+
+    def in_a_thread(jobs: Iterable[Callable[[], object]], **_: object) -> Iterator[object]:
+        with ThreadPoolExecutor(1) as pool:
+            sent = pool.submit(list, jobs).result()
+            return iter(pool.submit(lambda: [job() for job in sent]).result())
+
+    monkeypatch.setattr(population_module, "run_jobs", in_a_thread)
+    monkeypatch.setattr(
+        population_module, "record_joints", lambda uri, *_, **__: make_backend(uri, ROBOT)
+    )
+    monkeypatch.setattr(population_module, "fit_folder", lambda *_, **__: ended("it is there"))
+    with allow_test_draws():
+        robots = identified(tmp_path, 100, 101)
+    assert [one.reason for one in robots] == ["it is there", "it is there"]
+
+
+def ended(reason: str) -> None:
+    raise PepperError(reason)
 
 
 @pytest.mark.parametrize(
