@@ -287,19 +287,19 @@ def identify_with_progress(
 def print_population(console: Console, robots: Sequence[IdentifiedRobot], kind: ModelKind) -> None:
     """Print what became of each robot, why some failed, and a line that counts them."""
     table = Table(title="robots, test fit in NRMSE %", title_justify="left")
-    for name in ("robot", "", "median", "worst", "joint", "warnings", "file"):
+    for name in ("robot", "", "median", "worst", "joint", "warnings"):
         table.add_column(
             name, justify="right" if name in ("median", "worst", "warnings") else "left"
         )
     for one in robots:
         if one.file is None:
-            table.add_row(one.name, one.state, "-", "-", "-", "-", "-")
+            table.add_row(one.name, one.state, "-", "-", "-", "-")
             continue
         fits = {joint: fit["test"] for joint, fit in one.report["fit"][kind].items()}
         worst = min(fits, key=lambda joint: fits[joint])
         middle, least = f"{median(fits.values()):.1f}", f"{fits[worst]:.1f}"
         warnings = str(len(one.warnings))
-        table.add_row(one.name, one.state, middle, least, worst, warnings, one.file.name)
+        table.add_row(one.name, one.state, middle, least, worst, warnings)
     console.print(table)
     for one in robots:
         for warning in one.warnings:
