@@ -112,12 +112,19 @@ def bounded_constants(parameters: StickSlipParameters) -> tuple[BoundedConstant,
     """Return the constants at a bound of the fit that is no natural value: the model then lacks something."""
     found = []
     for name, r in _RANGES.items():
-        value, near = getattr(parameters, name), AT_BOUND * r.scale
-        if value >= r.upper - near:
-            found.append(BoundedConstant(name=name, bound=r.upper, side="upper"))
-        elif value <= r.lower + near and not r.natural:
-            found.append(BoundedConstant(name=name, bound=r.lower, side="lower"))
+        side = _side_of_bound(name, getattr(parameters, name))
+        if side == "upper" or (side == "lower" and not r.natural):
+            found.append(BoundedConstant(name=name, bound=getattr(r, side), side=side))
     return tuple(found)
+
+
+def _side_of_bound(name: str, value: float) -> Literal["lower", "upper"] | None:
+    """Return which bound of its range a constant is at; None where it is at none."""
+    r = _RANGES[name]
+    near = AT_BOUND * r.scale
+    if value >= r.upper - near:
+        return "upper"
+    return "lower" if value <= r.lower + near else None
 
 
 class _Runs:
@@ -181,7 +188,7 @@ def fit_stick_slip(
     """Fit a stick-slip model by least squares of its position against the encoder, over whole runs.
 
     A dead band looks much like friction, and an integral part like neither droop nor friction. Each is included only if
-    it reduces the cost by MIN_IMPROVEMENT.
+    it reduces the cost by MIN_IMPROVEMENT, and does not end at a bound.
 
     Args:
         joint: Name of the joint.
@@ -195,7 +202,9 @@ def fit_stick_slip(
     best, cost = min((fit.solve(_REQUIRED, start) for start in starts), key=lambda end: end[1])
     for optional in _OPTIONAL:
         candidate, candidate_cost = fit.solve((*_REQUIRED, *optional), starts[0] | best)
-        if candidate_cost < (1.0 - MIN_IMPROVEMENT) * cost:
+        # One that ends at a bound stands for something else: a dead band as wide as can be, for friction.
+        inside = not any(_side_of_bound(name, candidate[name]) for name in optional)
+        if inside and candidate_cost < (1.0 - MIN_IMPROVEMENT) * cost:
             best, cost = candidate, candidate_cost
             break
     return StickSlipParameters(**{name: best.get(name, 0.0) for name in PARAMETERS})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -167,3 +168,23 @@ def test_the_fit_begins_at_no_constant_of_a_plant(name: str) -> None:
         if len(set(values)) < 5:  # of a plant that is drawn, some joint is near any number
             for start in STARTS:
                 assert (np.abs(values / start[key] - 1.0) > 0.02).all(), key
+
+
+@pytest.mark.parametrize(("dead_band", "taken"), [(0.02, False), (0.0, False), (0.005, True)])
+def test_a_dead_band_at_a_bound_is_not_included(
+    dead_band: float, taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As wide as can be, it stands for friction, however much it improves the fit."""
+    plain = {name: getattr(STICK_SLIP, name) for name in stick_slip_fitting.PARAMETERS}
+
+    def solve(
+        self: object, names: tuple[str, ...], start: Mapping[str, float]
+    ) -> tuple[dict[str, float], float]:
+        changes = {"dead_band": dead_band, "integral_rate": 0.02}
+        found = {name: changes.get(name, plain[name]) for name in names}
+        return found, 0.1 if "dead_band" in names else 1.0
+
+    monkeypatch.setattr(stick_slip_fitting._Fit, "solve", solve)
+    found = fit_stick_slip(ELBOW, runs(seconds=3.0), CYCLE)
+    assert found.dead_band == (dead_band if taken else 0.0)
+    assert found.integral_rate == 0.0
