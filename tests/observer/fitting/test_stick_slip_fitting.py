@@ -185,6 +185,6 @@ def test_a_dead_band_at_a_bound_is_not_included(
         return found, 0.1 if "dead_band" in names else 1.0
 
     monkeypatch.setattr(stick_slip_fitting._Fit, "solve", solve)
-    found = fit_stick_slip(ELBOW, runs(seconds=3.0), CYCLE)
+    found = fit_stick_slip(JOINT, runs(seconds=3.0), CYCLE)
     assert found.dead_band == (dead_band if taken else 0.0)
     assert found.integral_rate == 0.0
