@@ -70,9 +70,10 @@ class ChaseFigures:
     ``short`` of the goal and ``beyond`` it; R2 of the error by the side of approach, by gravity, and by the current
     with the sign of the error; ``droop_deg`` [deg/(N m)] of gravity as the URDF has it; ``gravity_torque``, the motor's
     torque by current and documented constant [N m/(N m)]; fraction of holds whose error is ``without_current`` that
-    works against it. From command to ``current_onset_ms`` and ``encoder_onset_ms``; fraction of still joints whose
-    current is seen to ``creep``; noise at rest [mdeg], [mA]. In motion: ``rms_deg`` of the error, not aligned in time;
-    median and 90th percentile of the speed of a joint far behind, and the largest of any [rad/s].
+    works against it; median and 90th percentile of the current [A]. From command to ``current_onset_ms`` and
+    ``encoder_onset_ms``; fraction of still joints whose current is seen to ``creep`` (real: 10 to 17 holds of a joint,
+    over 2 s; simulated: over the last 1.5 s); noise at rest [mdeg], [mA]. In motion: ``rms_deg`` of the error, not
+    aligned in time; median and 90th percentile of the speed of a joint far behind, and the largest of any [rad/s].
     """
 
     median_deg: float | None
@@ -86,6 +87,8 @@ class ChaseFigures:
     droop_deg: float | None
     gravity_torque: float | None
     without_current: float | None
+    current_median: float | None
+    current_p90: float | None
     current_onset_ms: float | None
     encoder_onset_ms: float | None
     creep: float | None

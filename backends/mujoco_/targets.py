@@ -11,8 +11,8 @@ from pepper_driver.config import PlantConfig, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.kernels import Out, Records, kernel, make_records
 
-REST_TIME = 0.1
-"""[s] A target that has not moved for so long rests. A stray then comes within as long, and goes when it moves on."""
+REST_TIME, REST_SPEED = 0.1, 0.005
+"""[s] and [rad/s]: a target that has been slower for so long rests. A stray then comes, and goes when it moves on."""
 
 TARGET_STREAM = 2
 """Of the random sequences of a seed: the sensors have the ones before."""
@@ -21,9 +21,10 @@ TARGET_STREAM = 2
 class Target:
     """Target of one board: what it is, and its state.
 
-    ``reach`` is the furthest way in a cycle [rad], twice that in a fast chase where it is ``fast`` (1.0); ``position``
-    runs after the command [rad]; ``braked_at`` is where a brake holds [rad]. What a board is off from it [rad] is
-    ``wandered`` and ``stray``, which heads for ``drawn`` while it rests. ``still`` counts the cycles since it moved.
+    ``brake`` and ``fast`` are 1.0 where it has a brake, and takes part in fast chases; ``wander`` [rad] and ``strays``
+    are those of the plant. ``position`` runs after the command [rad]; ``braked_at`` is where a brake holds [rad],
+    ``braked`` 1.0 while it does. What a board is off from it [rad] is ``wandered`` and ``stray``, which heads for
+    ``drawn`` while it rests. ``still`` counts the cycles since it moved.
     """
 
     brake: float
@@ -32,6 +33,7 @@ class Target:
     strays: float
     position: float
     braked_at: float
+    braked: float
     wandered: float
     stray: float
     drawn: float
@@ -45,6 +47,7 @@ def plan_cycle(
     stiffness: FloatArray,
     reach: float,
     reach_fast: float,
+    resting: float,
     steps: int,
     now: Out[FloatArray],
     held: Out[FloatArray],
@@ -58,6 +61,7 @@ def plan_cycle(
         stiffness: (n,) 0..1.
         reach: Furthest way of a target in a cycle [rad].
         reach_fast: The same of one that takes part in fast chases [rad].
+        resting: Way in a cycle below which a target rests [rad].
         steps: Of physics in a cycle.
         now: (n,) what the boards follow at the beginning [rad].
         held: (n,) stiffness of the boards: a closed brake holds like a board at full stiffness.
@@ -68,16 +72,18 @@ def plan_cycle(
         target = targets[j]
         goal, held[j] = position[j], stiffness[j]
         # A brake holds where it closed; it stays until the stiffness returns.
-        if target.brake != 0.0 and stiffness[j] <= 0.0:
+        target.braked = 1.0 if target.brake != 0.0 and stiffness[j] <= 0.0 else 0.0
+        if target.braked != 0.0:
             goal, held[j] = target.braked_at, 1.0
         target.braked_at = goal
         limit = reach_fast if target.fast != 0.0 else reach
         way = min(max(goal - target.position, -limit), limit)
-        behind = behind or abs(goal - target.position) > limit
+        # By the usual limit, fast or not: so a chase lasts as long as the command outruns it.
+        behind = behind or abs(goal - target.position) > reach
         now[j] = target.position + (target.wandered + target.stray)
         share[j] = way / steps
         target.position += way
-        target.still = target.still + 1.0 if way == 0.0 else 0.0
+        target.still = target.still + 1.0 if abs(way) < resting else 0.0
     return behind
 
 
@@ -110,6 +116,8 @@ def let_stray(
     """
     for j in range(len(targets)):
         target = targets[j]
+        if target.braked != 0.0:
+            continue
         before = target.wandered + target.stray
         spread = math.sqrt(1.0 - memory * memory) * target.wander
         target.wandered = memory * target.wandered + spread * normal[j]
@@ -149,6 +157,7 @@ class BoardTargets(Resumable):
         limit = settings.speed_limit
         self._reach = math.inf if limit is None else limit * robot.cycle
         self._fast_chases = settings.fast_chases
+        self._resting = REST_SPEED * robot.cycle
         self._rest_cycles = float(round(REST_TIME / robot.cycle))
         self._memory = math.exp(-robot.cycle / settings.wander_time)
         self._stray_sizes = settings.stray
@@ -185,6 +194,7 @@ class BoardTargets(Resumable):
             stiffness,
             self._reach,
             reach_fast,
+            self._resting,
             self._steps,
             self.now,
             self.held,
@@ -194,6 +204,7 @@ class BoardTargets(Resumable):
             # One draw for the robot: in recordings joints are fast together.
             self._fast = bool(self._fast_chases) and self._rng.random() < self._fast_chases
         self._chasing = behind
+        self._fast = self._fast and behind
         if self._straying:
             n = len(position)
             normal, even = self._rng.standard_normal(n), self._rng.random((2, n))

@@ -169,6 +169,11 @@ class _Remnant:
         self.since = self.last_time = math.nan
         self._lowest = self._highest = 0.0
 
+    def interrupt(self) -> None:
+        """Take in that the residual is within the threshold: what was constant until then is no remnant yet."""
+        if not self.is_known:
+            self.since = math.nan
+
     def rises(self, time: float, size: float, threshold: float, peak: float) -> bool:
         """Take in the size of a residual above the threshold [rad]; return True if it has left the remnant for more."""
         if self.is_known:
@@ -285,6 +290,7 @@ class JointMonitor:
             return JointState.SETTLING if time <= self._settling_until else JointState.FREE
         if current.fall_time is None:
             current.fall_time = time
+            self._remnant.interrupt()
         return JointState.RELEASE
 
     def idle(self, time: float) -> bool:

@@ -135,13 +135,14 @@ class ChaseReport:
         return all(a is not None and _within(a, b, factor) for a, b in pairs)
 
     def as_json(self) -> dict[str, Any]:
-        """``figures.<joint>``, ``real.<joint>``, ``cells``, ``false_contacts``, ``real_false_contacts``."""
+        """``figures.<joint>``, ``real.<joint>``, ``cells``, ``false_contacts``, and more."""
         return {
             "figures": {joint: asdict(found) for joint, found in self.figures.items()},
             "real": {joint: asdict(real) for joint, real in self.real.figures.items()},
             "cells": [asdict(cell) for cell in self.cells],
             "false_contacts": _rate(self.false_contacts),
             "real_false_contacts": _rate(self.real.false_contacts),
+            "false_contacts_match": self.false_contacts_match,
         }
 
 
@@ -214,37 +215,50 @@ def trapezoid(ticks: int, ease: float) -> FloatArray:
 class _Hold:
     """Ends of the holds of one joint, arrays (count,) over all runs.
 
-    ``error`` [rad]; ``side`` from which the goal was approached, -1 or 1, 0 where it hardly moved; ``load`` that
-    gravity asks for [N m]; ``torque`` of the motor by its current and the documented constant, with the sign of the
-    error [N m].
+    ``error`` [rad]; ``current`` without sign [A]; ``side`` from which the goal was approached, -1 or 1, 0 where it
+    hardly moved; ``load`` that gravity asks for [N m]; ``torque`` of the motor by its current and the documented
+    constant, with the sign of the error [N m].
     """
 
     error: FloatArray
+    current: FloatArray
     side: FloatArray
     load: FloatArray
     torque: FloatArray
 
 
+def gravity_at_goals(
+    robot: RobotConfig, plant: PlantConfig, runs: Sequence[GoalRun]
+) -> tuple[FloatArray, ...]:
+    """Return for each run the (count, 17) torque that gravity asks for at its goals, by the documented masses [N m]."""
+    documented = replace(plant, base="fixed", body=DOCUMENTED_BODY)
+    goals = [run.command[np.array(run.ends) - 1] for run in runs]
+    loads = gravity_torque(robot, documented, np.concatenate(goals))
+    return tuple(np.split(loads, np.cumsum([len(g) for g in goals])[:-1]))
+
+
 def chase_figures(
     robot: RobotConfig,
-    plant: PlantConfig,
     joint: str,
     runs: Sequence[GoalRun],
+    loads: Sequence[FloatArray],
     stiffness: float,
 ) -> ChaseFigures:
     """Return what one joint shows in runs of the commands as recorded.
 
     Args:
         robot: The robot.
-        plant: That was played; only its kinematics and the documented masses count.
         joint: Whose.
         runs: All.
+        loads: Of gravity at their goals, from :func:`gravity_at_goals`.
         stiffness: By which errors without current are told [N m/rad].
     """
     index, constant = robot.joint_index(joint), robot.motors.joint_torque_constant(joint)
     step = robot.sensors.encoder.step
-    documented = replace(plant, base="fixed", body=DOCUMENTED_BODY)
-    holds = [_ends(robot, documented, run, index, constant) for run in runs]
+    holds = [
+        _ends(robot, run, load[:, index], index, constant)
+        for run, load in zip(runs, loads, strict=True)
+    ]
     hold = _Hold(
         **{
             name: np.concatenate([getattr(part, name) for part in holds])
@@ -276,9 +290,11 @@ def chase_figures(
         droop_deg=float(np.degrees(slope(hold.load, hold.error))),
         gravity_torque=slope(hold.load, hold.torque),
         without_current=float(np.mean(unexplained)),
+        current_median=float(np.median(hold.current)),
+        current_p90=float(np.percentile(hold.current, 90)),
         current_onset_ms=current_onset,
         encoder_onset_ms=encoder_onset,
-        creep=float(np.mean(creeps)) if len(creeps) else 0.0,
+        creep=float(np.mean(creeps)) if len(creeps) else None,
         encoder_noise_mdeg=1e3 * float(np.degrees(encoder_noise)),
         current_noise_ma=1e3 * current_noise,
         rms_deg=float(np.degrees(np.sqrt(np.mean(errors[moving] ** 2)))),
@@ -301,9 +317,7 @@ def explained(x: FloatArray, y: FloatArray) -> float:
     return float(np.corrcoef(x, y)[0, 1] ** 2)
 
 
-def _ends(
-    robot: RobotConfig, documented: PlantConfig, run: GoalRun, index: int, constant: float
-) -> _Hold:
+def _ends(robot: RobotConfig, run: GoalRun, load: FloatArray, index: int, constant: float) -> _Hold:
     last = np.array(run.ends) - 1
     goals = run.command[last]
     before = np.concatenate((robot.posture("Stand")[None, index], goals[:-1, index]))
@@ -313,8 +327,9 @@ def _ends(
     current = np.array([run.current[end - mean : end, index].mean() for end in run.ends])
     return _Hold(
         error=error,
+        current=current,
         side=np.where(np.abs(travel) > LEAST_TRAVEL, np.sign(travel), 0.0),
-        load=gravity_torque(robot, documented, goals)[:, index],
+        load=load,
         # Sensors tell no sign; a motor works against its error.
         torque=np.sign(error) * current * constant,
     )
@@ -353,7 +368,7 @@ def _creeps(robot: RobotConfig, run: GoalRun, index: int) -> BoolArray:
         goal = run.command[end - 1, index]
         resting = begin + int(np.argmax(run.command[begin:end, index] == goal))
         first = resting + round(SETTLED_TIME / robot.cycle)
-        if np.ptp(run.position[first:end, index]) > 1.5 * step:
+        if first >= end or np.ptp(run.position[first:end, index]) > 1.5 * step:
             continue
         change = run.current[end - mean : end, index].mean()
         change -= run.current[first : first + mean, index].mean()
@@ -437,6 +452,7 @@ def false_contacts(
     delay: int,
     *,
     workers: Workers = -1,
+    progress: Progress | None = None,
 ) -> FalseContacts:
     """Count the contacts that an observer raises in runs that nobody touches, each run from its first tick on.
 
@@ -446,9 +462,10 @@ def false_contacts(
         models: Of kind ``fusion``.
         delay: Whole ticks from a command to the sample that answers it.
         workers: Processes, -1 for one per core; or a cluster.
+        progress: Called after each run.
     """
     jobs = [partial(_joints_named, robot, run, models, delay) for run in runs]
-    named = [joint for joints in run_all(jobs, workers, None) for joint in joints]
+    named = [joint for joints in run_all(jobs, workers, progress) for joint in joints]
     ticks = sum(len(run.command) - delay for run in runs)
     return FalseContacts(
         count=len(named), minutes=ticks * robot.cycle / 60.0, by_joint=dict(Counter(named))
@@ -456,8 +473,9 @@ def false_contacts(
 
 
 def _joints_named(robot: RobotConfig, run: GoalRun, models: ModelSet, delay: int) -> list[str]:
-    """Return the joint, or else the link, of each contact that begins in a run."""
+    """Return the joint, or else the link, of each contact that begins in a run; rebounds are none."""
     observer = ContactObserver(robot, models, load_observer_settings())
     recording = as_recording(robot, run, RobotModel(robot), delay)
     contacts = [c for tick in recording.ticks() for c in observer.step(tick).contacts]
-    return [track.begin.joint or track.begin.link for track in group_events(contacts)]
+    begins = [track.begin for track in group_events(contacts)]
+    return [begin.joint or begin.link for begin in begins if begin.kind != "rebound"]

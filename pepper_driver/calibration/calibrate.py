@@ -12,6 +12,7 @@ from pepper_driver.calibration.as_recorded import (
     ChaseReport,
     chase_figures,
     false_contacts,
+    gravity_at_goals,
     play_chases,
 )
 from pepper_driver.calibration.testbench import (
@@ -39,8 +40,8 @@ Law = Literal["pd", "integral"]
 Progress = Callable[[float], None]
 """Called with the fraction done, 0..1."""
 
-MEASURED = 0.7
-"""Fraction of a check that ramps and holds take, for the progress."""
+MEASURED, PLAYED = 0.7, 0.8
+"""Fraction of a check that ramps and holds take, and of the rest the one that commands take, for the progress."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -272,9 +273,12 @@ def check_chases(
     """
     settings, real = calibration.settings, calibration.recordings.chases
 
-    def report_progress(done: int, of: int) -> None:
-        if progress is not None:
-            progress(done / of)
+    def part(begin: float, end: float) -> Callable[[int, int], None]:
+        def report_progress(done: int, of: int) -> None:
+            if progress is not None:
+                progress(begin + (end - begin) * done / of)
+
+        return report_progress
 
     runs = play_chases(
         robot,
@@ -282,17 +286,23 @@ def check_chases(
         settings.chases,
         calibration.seed,
         workers=workers,
-        progress=report_progress,
+        progress=part(0.0, PLAYED),
     )
+    loads = gravity_at_goals(robot, plant, runs)
     nominal = load_plant("nominal", robot)
     identity = RobotIdentity(name=nominal.name, identity=plant_hash(nominal, robot))
     return ChaseReport(
         figures={
-            joint: chase_figures(robot, plant, joint, runs, real.stiffness[joint])
+            joint: chase_figures(robot, joint, runs, loads, real.stiffness[joint])
             for joint in settings.chases.joints
         },
         false_contacts=false_contacts(
-            robot, runs, load_shipped("fusion", [identity]), plant.response_delay, workers=workers
+            robot,
+            runs,
+            load_shipped("fusion", [identity]),
+            plant.response_delay,
+            workers=workers,
+            progress=part(PLAYED, 1.0),
         ),
         real=real,
         settings=settings,

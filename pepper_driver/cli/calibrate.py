@@ -60,6 +60,8 @@ CHASE_LABELS = {
     "droop_deg": "droop deg/(N m)",
     "gravity_torque": "motor/gravity",
     "without_current": "no current",
+    "current_median": "hold median A",
+    "current_p90": "hold p90 A",
     "current_onset_ms": "to current ms",
     "encoder_onset_ms": "to encoder ms",
     "creep": "current creeps",
@@ -258,6 +260,10 @@ def _print_chases(console: Console, report: ChaseReport) -> None:
             f"false contacts with the shipped models of nominal, {whose}: {contacts.count} in "
             f"{contacts.minutes:.1f} min, {contacts.per_hour:.0f} an hour: {joints or 'none'}"
         )
+    factor = report.settings.largest_false_factor
+    match = f"they match: within a factor of {factor:g} of each other"
+    apart = f"they do not match: more than a factor of {factor:g} apart"
+    console.print(match if report.false_contacts_match else apart)
 
 
 def _shown(value: float | None) -> str:

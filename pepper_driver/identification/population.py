@@ -184,7 +184,7 @@ def identify_population(
     with lock_folder(folder):
         for one in failed:
             take(one)
-        kept = {robot.draw: _kept(robot) for robot in made}
+        kept = {robot.draw: _kept(robot, kind) for robot in made}
         for found in filter(None, kept.values()):
             take(found)
         keep = not isinstance(workers, Cluster)
@@ -247,16 +247,30 @@ def _content(motion: _Motion) -> dict[str, Any]:
     }
 
 
-def _kept(one: _Robot) -> IdentifiedRobot | None:
+def _kept(one: _Robot, kind: ModelKind) -> IdentifiedRobot | None:
     """Return a robot that was identified before; None where a file is missing or damaged."""
     try:
         ModelSet.load(one.file, load_robot())
         report = json.loads(one.report.read_text(encoding="utf-8"))
     except (ModelFileError, OSError, ValueError, RecursionError):
         return None
-    if not isinstance(report, dict):
+    if not isinstance(report, dict) or not _is_whole(report, kind):
         return None
     return IdentifiedRobot(draw=one.draw, name=one.name, state="kept", file=one.file, report=report)
+
+
+def _is_whole(report: dict[str, Any], kind: ModelKind) -> bool:
+    """Check a report for what is shown of it: the fit of each joint, and warnings."""
+    fits = report.get("fit")
+    fits = fits.get(kind) if isinstance(fits, dict) else None
+    numbers = isinstance(fits, dict) and all(
+        isinstance(fit, dict) and isinstance(fit.get("test"), int | float) for fit in fits.values()
+    )
+    warnings = report.get("warnings")
+    texts = isinstance(warnings, list) and all(
+        isinstance(w, dict) and {"joint", "run", "text"} <= w.keys() for w in warnings
+    )
+    return bool(fits) and numbers and texts
 
 
 def _identify(one: _Robot, motion: _Motion, keep: bool) -> tuple[_Robot, Identification | str]:

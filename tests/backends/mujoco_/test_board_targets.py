@@ -9,7 +9,7 @@ from scipy.stats import binomtest, kstest
 
 from pepper_driver.backends import Command
 from pepper_driver.backends.mujoco_ import MujocoBackend
-from pepper_driver.backends.mujoco_.targets import REST_TIME, BoardTargets
+from pepper_driver.backends.mujoco_.targets import REST_SPEED, REST_TIME, BoardTargets
 from pepper_driver.config import PlantConfig
 from pepper_driver.config.arrays import FloatArray
 from support.plant import INDEX, JOINT, ROBOT, STAND, N, plain, standing, with_drive
@@ -80,6 +80,25 @@ def test_some_whole_chases_are_twice_as_fast() -> None:
     assert binomtest(int(fast.sum()), len(fast), 0.3).pvalue > 1e-3
 
 
+@pytest.mark.parametrize("speed", [2.5, 3.0, 5.0])
+def test_a_command_that_outruns_the_limit_is_chased_fast_in_as_many_moves(speed: float) -> None:
+    """Also where it stays below twice the limit: each move is a chase of its own, begun at the usual limit."""
+    targets = reset(targeting(speed_limit=2.0, fast_chases=0.3, fast_joints=FAST))
+    fast, goal = [], STAND.copy()
+    for number in range(400):
+        direction = 1.0 if number % 2 else -1.0
+        before, ways = followed(targets, goal)[-1, PITCH], []
+        for _ in range(20):
+            goal[PITCH] += direction * speed * CYCLE
+            now = followed(targets, goal)[-1, PITCH]
+            ways.append(abs(now - before) / CYCLE)
+            before = now
+        assert ways[0] <= 2.0 + 1e-9
+        fast.append(max(ways) > 2.1)
+        np.testing.assert_allclose(followed(targets, goal, 40)[-1], goal, atol=1e-12)
+    assert binomtest(sum(fast), len(fast), 0.3).pvalue > 1e-3
+
+
 def test_without_fast_chases_no_chase_is() -> None:
     assert np.isclose(chase_speeds(0.0, 50)[:, [PITCH, YAW, ROLL]], 2.0).all()
 
@@ -125,6 +144,32 @@ def test_a_fraction_of_rests_is_off_on_either_side() -> None:
     even = (1 / 0.01 - 1 / size) / (1 / 0.01 - 1 / 0.06)
     assert kstest(even, "uniform").pvalue > 1e-3
     assert np.abs(moving).max() < 1e-12
+
+
+def test_a_command_that_converges_comes_to_rest_too() -> None:
+    """As that of a posture task, which never quite arrives: a stray comes once it is slower than REST_SPEED."""
+    plant = with_drive(targeting(stray=(0.01, 0.06)), [JOINT], strays=0.999)
+    targets, goal = reset(plant), STAND.copy()
+    off = []
+    for tick in range(600):
+        goal[INDEX] = STAND[INDEX] + 0.5 * (1.0 - np.exp(-2.0 * tick * CYCLE))
+        off.append(float(followed(targets, goal)[0, INDEX] - goal[INDEX]))
+    begin = int(np.argmax(np.abs(off) > 1e-9))
+    slow = np.log(2.0 * 0.5 / REST_SPEED) / 2.0 / CYCLE
+    assert begin == pytest.approx(slow + REST, abs=2)
+    assert abs(off[-1]) >= 0.01 - 1e-9
+
+
+def test_a_closed_brake_stays_where_it_closed() -> None:
+    hip = ROBOT.joint_index("HipPitch")
+    targets = reset(with_drive(targeting(wander_time=1.0), ["HipPitch"], wander=0.01, strays=0.5))
+    followed(targets, STAND, 50)
+    limp = np.zeros(N)
+    held = []
+    for _ in range(300):
+        targets.plan(STAND + 0.3, limp)
+        held.append(float(targets.now[hip] + STEPS * targets.share[hip]))
+    assert np.ptp(held) < 1e-12
 
 
 def test_no_current_works_against_a_stray() -> None:
@@ -195,8 +240,11 @@ def test_equal_seeds_give_equal_targets_and_others_do_not() -> None:
 
 
 def test_a_snapshot_keeps_what_chance_has_done() -> None:
-    plant = with_drive(targeting(speed_limit=1.0), [JOINT], wander=0.01, strays=0.5)
+    limited = targeting(speed_limit=1.0, fast_chases=0.5, fast_joints=(JOINT,))
+    plant = with_drive(limited, [JOINT], wander=0.01, strays=0.5)
     targets, twin = reset(plant, 1), reset(plant, 2)
-    followed(targets, STAND + 0.2, 30)
+    while not targets._fast:
+        followed(targets, STAND, 60)
+        followed(targets, STAND + 0.5, 5)
     twin.restore(targets.save())
     np.testing.assert_array_equal(followed(targets, STAND, 100), followed(twin, STAND, 100))

@@ -326,11 +326,23 @@ def test_a_short_pause_above_the_threshold_is_no_remnant() -> None:
     assert player.joint.excursion.begin_time == 0.0
 
 
-@pytest.mark.parametrize(("pause", "kind"), [(0, CONTACT), (3, CONTACT)])
-def test_the_other_side_of_a_remnant_is_no_rebound(pause: int, kind: JointState) -> None:
+def test_a_gap_below_the_threshold_makes_no_remnant() -> None:
+    """Two samples that are alike, with less between them: a hand that comes back is no second touch."""
+    player = Settler()
+    player.play(4.0, 20, band=0.0)
+    player.play(1.2, 1, band=0.0)
+    player.play(0.5, GAP - 2, band=0.0)
+    player.play(1.2, 1, band=0.0)
+    player.play(4.0, 5, band=0.0)
+    assert player.joint.excursion is not None
+    assert player.joint.excursion.begin_time == 0.0
+
+
+@pytest.mark.parametrize("pause", [0, 3])
+def test_the_other_side_of_a_remnant_is_no_rebound(pause: int) -> None:
     player = hanging()
     player.play(0.0, pause, band=0.0)
-    assert player.play(-2.0, 1, band=0.0) == [kind]
+    assert player.play(-2.0, 1, band=0.0) == [CONTACT]
 
 
 def test_a_blind_tick_ends_settling_too() -> None:

@@ -17,7 +17,11 @@ from pepper_driver.observer.fitting.stick_slip import (
     bounded_constants,
     fit_stick_slip,
 )
-from pepper_driver.observer.models.stick_slip import MIN_TRANSPORT, StickSlipParameters
+from pepper_driver.observer.models.stick_slip import (
+    MIN_TRANSPORT,
+    PARAMETERS,
+    StickSlipParameters,
+)
 from pepper_driver.observer.recording import Recording
 from support.fusion import ELBOW, STICK_SLIP, TORQUE_CONSTANT, drive, recording_of, swing
 from support.observer import CYCLE
@@ -175,7 +179,7 @@ def test_a_dead_band_at_a_bound_is_not_included(
     dead_band: float, taken: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As wide as can be, it stands for friction, however much it improves the fit."""
-    plain = {name: getattr(STICK_SLIP, name) for name in stick_slip_fitting.PARAMETERS}
+    plain = {name: getattr(STICK_SLIP, name) for name in PARAMETERS}
 
     def solve(
         self: object, names: tuple[str, ...], start: Mapping[str, float]

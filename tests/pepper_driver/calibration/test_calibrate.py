@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pepper_driver.backends.mujoco_.motors import MotorBoards
 from pepper_driver.calibration import calibrate, fit
 from pepper_driver.calibration.as_recorded import ChaseReport
 from pepper_driver.calibration.calibrate import (
@@ -334,6 +335,32 @@ def test_the_figure_compares_joints_on_one_scale() -> None:
     labels = [text.get_text() for text in legend.get_texts()]
     assert len(labels) == len(set(labels))
     assert {"simulated", "a match"} < set(labels)
+
+
+@pytest.mark.parametrize("efficiency", [1.0, 0.5])
+def test_the_values_of_a_drive_are_those_at_the_joint(efficiency: float) -> None:
+    """A gear that passes on half the torque halves stiffness and back-EMF; what is set is read again."""
+    joint = "RElbowRoll"
+    drives = [
+        replace(drive, efficiency=efficiency) if joint in drive.joints else drive
+        for drive in with_values(ROBOT, NOMINAL, {}).actuators
+    ]
+    plant = replace(NOMINAL, actuators=tuple(drives))
+    constant, motor = ROBOT.motors.joint_torque_constant(joint), ROBOT.motors.of(joint)
+    drive = plant.actuator(joint)
+    assert values_of(ROBOT, plant, joint).stiffness == pytest.approx(
+        efficiency * drive.kp * constant / motor.resistance
+    )
+    viscous = drag(ROBOT, plant, joint) - efficiency * constant**2 / motor.resistance
+    assert viscous == pytest.approx(drag(ROBOT, NOMINAL, joint) - constant**2 / motor.resistance)
+    boards = MotorBoards(ROBOT, plant)
+    index = ROBOT.joint_index(joint)
+    assert boards.stiffness[index] == pytest.approx(values_of(ROBOT, plant, joint).stiffness)
+    full = MotorBoards(ROBOT, NOMINAL).torque_limit[index]
+    assert boards.torque_limit[index] == pytest.approx(efficiency * full)
+    wanted = DriveValues(stiffness=77.0, friction=0.6)
+    changed = with_values(ROBOT, plant, {joint: wanted})
+    assert values_of(ROBOT, changed, joint).stiffness == pytest.approx(77.0, rel=1e-3)
 
 
 def test_a_report_passes_when_every_limit_is_kept() -> None:

@@ -230,17 +230,27 @@ def test_draws_for_tests_are_refused_before_anything_moves(
     assert not (tmp_path / "out").exists()
 
 
-def test_inside_the_block_draws_for_tests_are_identified_in_other_processes(tmp_path: Path) -> None:
+@pytest.fixture
+def few(tmp_path: Path) -> str:
+    """The population with two draws for development: the robots that are held out here are not those for tests."""
+    path = tmp_path / "few.yaml"
+    path.write_text("name: few\ndescription: few\nextends: random\nrandomise: {development: 2}\n")
+    return f"mujoco://?plant={path}"
+
+
+def test_inside_the_block_draws_for_tests_are_identified_in_other_processes(
+    tmp_path: Path, few: str
+) -> None:
     with allow_test_draws():
-        robots = identified(tmp_path, 100, 101, workers=2)
+        robots = identified(tmp_path / "out", 2, 3, workers=2, uri=few)
     assert [one.state for one in robots] == ["identified", "identified"]
-    assert [one.name for one in robots] == ["random-100", "random-101"]
+    assert [one.name for one in robots] == ["few-2", "few-3"]
     with pytest.raises(HeldOutDrawError):
-        identified(tmp_path, 100, workers=2)
+        identified(tmp_path / "out", 2, workers=2, uri=few)
 
 
 def test_inside_the_block_every_robot_is_allowed_however_late_it_is_sent(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, few: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Other threads send the later jobs."""
 
@@ -255,7 +265,7 @@ def test_inside_the_block_every_robot_is_allowed_however_late_it_is_sent(
     )
     monkeypatch.setattr(population_module, "fit_folder", lambda *_, **__: ended("it is there"))
     with allow_test_draws():
-        robots = identified(tmp_path, 100, 101)
+        robots = identified(tmp_path / "out", 2, 3, uri=few)
     assert [one.reason for one in robots] == ["it is there", "it is there"]
 
 
