@@ -114,10 +114,11 @@ def parse_uri(text: str) -> BackendUri:
     return BackendUri(text=text, scheme=scheme, host=parts.netloc, path=path, query=query)
 
 
-def with_query(uri: str, **values: str | int) -> str:
-    """Return a backend URI with values of query keys, in place of those that it has."""
+def with_query(uri: str, **values: str | int | None) -> str:
+    """Return a backend URI with values of query keys, in place of those that it has; None takes a key away."""
     parsed = parse_uri(uri)
-    query = urlencode({**parsed.query, **values})
+    changed = {**parsed.query, **values}
+    query = urlencode({key: value for key, value in changed.items() if value is not None})
     return f"{parsed.scheme}://{parsed.host}{parsed.path}?{query}"
 
 

@@ -148,9 +148,12 @@ class Host:
     ) -> HostedRun:
         """Return the settings of the next run, checked."""
         check_name("plant", plant, shipped_names("plants"))  # no file of this computer
+        uri = with_query(self._run.uri, plant=plant)
+        if parse_uri(self._run.uri).query.get("plant", "nominal") != plant:
+            uri = with_query(uri, draw=None, day=None)  # those of the plant before
         run = replace(
             self._run,
-            uri=with_query(self._run.uri, plant=plant),
+            uri=uri,
             observer=None if observer == NO_OBSERVER else observer,
             models=None,
             reflexes=reflexes,

@@ -65,6 +65,10 @@ def test_a_value_takes_its_place_in_a_uri(uri: str, expected: str) -> None:
     assert with_query(uri, seed=5) == expected
 
 
+def test_a_key_is_taken_away() -> None:
+    assert with_query("mujoco?plant=worn&draw=3", draw=None, day=None) == "mujoco://?plant=worn"
+
+
 def third_party(uri: BackendUri, robot: RobotConfig) -> MujocoBackend:
     return MujocoBackend(robot, load_plant("nominal", robot), uri=uri.text)
 

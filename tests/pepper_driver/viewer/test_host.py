@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from pepper_driver import Pepper, PepperError
+from pepper_driver.backends.selection import parse_uri
 from pepper_driver.config import load_robot
 from pepper_driver.log import read_log
 from pepper_driver.viewer.host import Host, HostedRun, default_gains, make_gained_reflexes
@@ -72,6 +73,13 @@ def test_it_begins_anew_with_what_the_page_chose(tmp_path: Path) -> None:
     assert "momentum" in second.metadata["observer"]
     assert '"hold"' in second.metadata["reflexes"]
     assert "worn" not in first.metadata["backend"]
+
+
+@pytest.mark.parametrize(("plant", "kept"), [("random", {"draw": "3", "day": "2"}), ("worn", {})])
+def test_draw_and_day_are_of_their_plant(plant: str, kept: dict[str, str]) -> None:
+    host = Host(HostedRun(uri="mujoco://?plant=random&draw=3&day=2"))
+    uri = host._changed(**{**RESTART, "plant": plant}).uri
+    assert parse_uri(uri).query == {"plant": plant, **kept}
 
 
 @pytest.mark.realtime
