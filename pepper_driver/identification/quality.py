@@ -73,29 +73,25 @@ SLOWER = 0.8
 SPEED_TIME = 0.06
 """[s] over which measured and commanded speeds are compared."""
 
+_DELAY, _LOAD = (
+    "is the delay right?",
+    "a load that the robot's description does not have, or an encoder that is off",
+)
+_STIFFNESS = "neither load nor current shows how stiff its board is"
+
 BOUND_CAUSES = {
-    (
-        "transport",
-        "lower",
-    ): "the joint answers earlier than the backend reports; is the delay right?",
-    ("transport", "upper"): "the joint answers later than the backend reports; is the delay right?",
-    ("lag", "lower"): "the joint does not lag at all, its board leads",
-    (
-        "lag",
-        "upper",
-    ): "the joint falls far behind, as where its speed is limited; use a slower motion",
-    (
-        "offset",
-        "lower",
-    ): "a load that the robot's description does not have, or an encoder that is off",
-    (
-        "offset",
-        "upper",
-    ): "a load that the robot's description does not have, or an encoder that is off",
-    ("load_gain", "lower"): "neither load nor current shows how stiff its board is",
-    ("load_gain", "upper"): "neither load nor current shows how stiff its board is",
+    "transport": (
+        f"the joint answers earlier than the backend reports; {_DELAY}",
+        f"the joint answers later than the backend reports; {_DELAY}",
+    ),
+    "lag": (
+        "the joint does not lag at all, its board leads",
+        "the joint falls far behind, as where its speed is limited; use a slower motion",
+    ),
+    "offset": (_LOAD, _LOAD),
+    "load_gain": (_STIFFNESS, _STIFFNESS),
 }
-"""Likely causes of a constant at a bound, by its name and the side."""
+"""Likely causes of a constant at its lower and at its upper bound, by its name."""
 
 BOUND_CAUSE = "the model does not describe this joint, or the motion is too uniform"
 """For the other ones."""
@@ -259,7 +255,8 @@ def _constants(joint: str, model: JointModel) -> list[Finding]:
         return []
     found = []
     for at in bounded_constants(model.twin):
-        cause = BOUND_CAUSES.get((at.name, at.side), BOUND_CAUSE)
+        causes = BOUND_CAUSES.get(at.name, (BOUND_CAUSE, BOUND_CAUSE))
+        cause = causes[at.side == "upper"]
         text = f"constant '{at.name}' of its model is at its bound of {at.bound:g}: {cause}"
         found.append(Finding(kind="bound", joint=joint, run=None, text=text))
     return found
