@@ -429,12 +429,18 @@ def checked_out(commit: str, folder: Path) -> Iterator[Path]:
 
 
 def shipped_plants() -> dict[str, str]:
-    """Names of the plants of this work tree, each with the one of ``nominal`` and ``integral`` that it extends."""
+    """Names of the plants of this work tree, each with the one of ``nominal`` and ``integral`` that it extends.
+
+    Of a plant that takes several in turn, the first.
+    """
     boards = {}
     for path in sorted(PLANTS.glob("*.yaml")):
         board = path.stem
         while board not in ("nominal", "integral"):
-            board = yaml.safe_load((PLANTS / f"{board}.yaml").read_text()).get("extends", "nominal")
+            parent = yaml.safe_load((PLANTS / f"{board}.yaml").read_text()).get(
+                "extends", "nominal"
+            )
+            board = parent[0] if isinstance(parent, list) else parent
         boards[path.stem] = board
     return boards
 

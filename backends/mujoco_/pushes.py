@@ -125,6 +125,9 @@ FIRM_LOAD, NO_LOAD = 0.4, 0.1
 """Load of the wheel that carries least, over an even share: from the first down such a hand gets weaker, and at the
 second it gives no force any more. People let go of a robot that tips."""
 
+RECOVERY = 1.0
+"""[s] in which a hand that a tipping robot made weak is strong again: at once, it would rock the robot ever further."""
+
 LIVE_RELEASE = 0.1
 """[s] in which the force of such a hand fades."""
 
@@ -252,7 +255,8 @@ class _LiveGrip(_Grip):
 
     def begin_cycle(self, now: float, end: float, least_load: float) -> None:
         """Go on towards the goal as a hand can, from ``now`` to ``end`` [s], weaker where a wheel is about to lift."""
-        self._care = min(max((least_load - NO_LOAD) / (FIRM_LOAD - NO_LOAD), 0.0), 1.0)
+        care = min(max((least_load - NO_LOAD) / (FIRM_LOAD - NO_LOAD), 0.0), 1.0)
+        self._care = min(care, self._care + (end - now) / RECOVERY)
         if self.released is None and now - self.moved > self._timeout:
             self.released = now
         if self.anchor is None or self.pull is None:

@@ -135,7 +135,7 @@ CASES: list[tuple[str, str, str]] = [
     (
         "plant",
         PLANT.replace("nominal", "3"),
-        "mine.yaml line 3: key 'extends': expected the name of a plant, got 3",
+        "mine.yaml line 3: key 'extends': expected the name of a plant, or a list of names, got 3",
     ),
     (
         "plant",
@@ -247,7 +247,7 @@ CASES: list[tuple[str, str, str]] = [
         PLANT.replace("name: mine", "name: 3"),
         "mine.yaml line 1: key 'name': must be a text, got 3",
     ),
-    ("plant", "name: mine\ndescription: ''\n", "mine.yaml: key 'base' is missing (and 9 more)"),
+    ("plant", "name: mine\ndescription: ''\n", "mine.yaml: key 'base' is missing (and 10 more)"),
     (
         "world",
         WORLD.replace("box", "bx"),

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pepper_driver.backends import CapabilityError, Command, CommandError, make_backend
@@ -166,6 +166,7 @@ DIRECTIONS = st.tuples(*(st.floats(-1.0, 1.0) for _ in range(3)))
 
 
 @settings(max_examples=15, deadline=None)
+@example(link="Head", ways=[(1.0, 0.0, 0.0)] * 2 + [(0.0, 0.0, 0.0)], reach=3.0, stiffness=500.0)
 @given(
     link=st.sampled_from(["Head", "torso", "LForeArm", "r_wrist", "Hip", "l_gripper"]),
     ways=st.lists(DIRECTIONS, min_size=1, max_size=5),
