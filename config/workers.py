@@ -11,6 +11,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager, nullcontext
 from functools import partial
+from importlib import import_module
 from multiprocessing import resource_tracker
 from typing import Any, TypeVar
 
@@ -78,9 +79,10 @@ def one_core(workers: Workers) -> Iterator[None]:
     if workers != 1:
         yield
         return
-    import scipy.linalg  # noqa: F401 it brings an algebra library of its own, which must be there to be limited
     from threadpoolctl import threadpool_limits
 
+    # It brings an algebra library of its own, which must be there to be limited.
+    import_module("scipy.linalg")
     with threadpool_limits(limits=1):
         yield
 

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from pepper_driver.calibration.testbench import (
-    GOALS_EACH,
     GoalRun,
     Progress,
+    divided,
     gravity_torque,
     play_goals,
     run_all,
@@ -175,14 +175,8 @@ def play_chases(
     """
     fixed = replace(plant, base="fixed")
     jobs = [
-        partial(
-            _play_part,
-            robot,
-            fixed,
-            replace(protocol, count=min(GOALS_EACH, protocol.count - first)),
-            (CHASE_STREAM, seed, first),
-        )
-        for first in range(0, protocol.count, GOALS_EACH)
+        partial(_play_part, robot, fixed, part, (CHASE_STREAM, seed, first))
+        for first, part in divided(protocol)
     ]
     return tuple(run_all(jobs, workers, progress))
 

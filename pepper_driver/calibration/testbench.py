@@ -21,12 +21,13 @@ from pepper_driver.backends.mujoco_.backend import MujocoBackend
 from pepper_driver.backends.mujoco_.motors import JointFriction, MotorBoards
 from pepper_driver.backends.mujoco_.plant_model import build_model
 from pepper_driver.backends.mujoco_.simulation import Simulation
-from pepper_driver.config import PlantConfig, RampProtocol, RobotConfig
+from pepper_driver.config import ChaseProtocol, PlantConfig, RampProtocol, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.steps import Holds
 from pepper_driver.config.workers import Workers, run_jobs
 
 T = TypeVar("T")
+G = TypeVar("G", Holds, ChaseProtocol)
 
 SPEED_FRACTION = 0.15
 """Peak speed of the motion, as a fraction of each joint's limit."""
@@ -277,19 +278,18 @@ def hold_errors(
     """
     fixed = replace(plant, base="fixed")
     jobs = [
-        partial(
-            _hold_part,
-            robot,
-            fixed,
-            replace(holds, count=min(GOALS_EACH, holds.count - first)),
-            (seed, first),
-        )
-        for first in range(0, holds.count, GOALS_EACH)
+        partial(_hold_part, robot, fixed, part, (seed, first)) for first, part in divided(holds)
     ]
     error, current, load = (
         np.concatenate(p) for p in zip(*run_all(jobs, workers, progress), strict=True)
     )
     return HoldEnds(joints=holds.joints, error=error, current=current, load=load)
+
+
+def divided(goals: G) -> list[tuple[int, G]]:
+    """Divide goals among robots of GOALS_EACH at most; return the number of the first goal of each, and its goals."""
+    firsts = range(0, goals.count, GOALS_EACH)
+    return [(n, replace(goals, count=min(GOALS_EACH, goals.count - n))) for n in firsts]
 
 
 def _hold_part(

@@ -147,9 +147,8 @@ def test_the_name_of_the_file_holds_what_the_models_depend_on(
     failing(monkeypatch, 2, PepperError("not now"))
     folders = []
 
-    def note(**options: object) -> None:
-        population_options = {"uri": PLANT, "seed": 0, **options}
-        identified(tmp_path, 2, **population_options)  # type: ignore[arg-type]
+    def note(*, uri: str = PLANT, seed: int = 0) -> None:
+        identified(tmp_path, 2, uri=uri, seed=seed)
         folders.append({path.name for path in tmp_path.iterdir()})
 
     note()
