@@ -323,7 +323,7 @@ class Backend(ABC):
             link: Name of the link.
             pull: (3,) displacement of the hand [m] in ``frame``.
             point: (3,) where it holds, in the link's frame [m]; by default the link's centre of mass.
-            stiffness: Of the hand, 500 to 3000 [N/m].
+            stiffness: Of the hand, 300 to 3000 [N/m].
             rise: Time in which the hand moves [s].
             hold: Time for which it then stays [s].
             release: Time in which its force fades [s].
@@ -371,7 +371,7 @@ class Backend(ABC):
         Args:
             link: Name of the link.
             point: (3,) where it holds, in the link's frame [m]; by default the link's centre of mass.
-            stiffness: Of the hand, 500 to 3000 [N/m].
+            stiffness: Of the hand, 300 to 3000 [N/m].
             max_force: What the hand can do [N]; beyond that it slips along.
             timeout: [s] of the robot's time without :meth:`Hand.move` after which it lets go.
 

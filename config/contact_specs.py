@@ -23,7 +23,7 @@ Degrees = Annotated[float, Field(gt=0, le=90)]
 STRONGEST_HAND = 1000.0
 """[N] No contact may be stronger, not even one that is meant to saturate."""
 
-SOFTEST_HAND, STIFFEST_HAND = 500.0, 3000.0
+SOFTEST_HAND, STIFFEST_HAND = 300.0, 3000.0
 """[N/m] of a hand that grabs."""
 
 FARTHEST_PULL = 1.0

@@ -6,7 +6,6 @@ fitted before then were not evaluated on what they had never seen: say so, or fi
 
 from __future__ import annotations
 
-import hashlib
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -20,9 +19,10 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config.contact_specs import RandomTouch
-from pepper_driver.config.errors import ConfigError, UnknownNameError, reason
+from pepper_driver.config.errors import ConfigError, UnknownNameError
 from pepper_driver.config.experiment import Experiment, load_experiment
 from pepper_driver.config.files import content_hash
+from pepper_driver.config.frozen import frozen_part_hash, text_hash, write_frozen
 from pepper_driver.config.lines import with_lines
 from pepper_driver.config.loading import STRICT, own_or_shipped, parse, read_yaml
 from pepper_driver.config.parts import Positive
@@ -253,12 +253,9 @@ def freeze(path: Path | str | None = None) -> None:
     data = read_yaml(path)
     data["frozen"] = {"suites": "", "experiments": {}}
     file = parse(_File, data, str(path))
-    lines = ["frozen:", f"  suites: {_suites_hash(path)}", "  experiments:"]
-    lines += [f"    {name}: {_hash(_path_of(path, name))}" for name in _names_in(file)]
-    try:
-        path.write_text(_unfrozen(path) + "\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written ({reason(error)})") from error
+    lines = ["frozen:", f"  suites: {frozen_part_hash(path)}", "  experiments:"]
+    lines += [f"    {name}: {text_hash(_path_of(path, name))}" for name in _names_in(file)]
+    write_frozen(path, lines)
 
 
 def _check(
@@ -295,34 +292,12 @@ def _path_of(path: Path, name: str) -> Path:
 def _changed(path: Path, file: _File) -> list[str]:
     """Names of what is not as it was frozen."""
     frozen = file.frozen.experiments
-    names = [path.name] if _suites_hash(path) != file.frozen.suites else []
+    names = [path.name] if frozen_part_hash(path) != file.frozen.suites else []
     for name in _names_in(file):
         experiment = _path_of(path, name)
-        if frozen.get(name) != _hash(experiment):
+        if frozen.get(name) != text_hash(experiment):
             names.append(f"{FOLDER}/{name}.yaml")
     return names
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")  # turns the line ends of all systems into one
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read ({reason(error)})") from error
-
-
-def _unfrozen(path: Path) -> str:
-    """Return the part of the file that its own hash covers."""
-    text = _text(path)
-    # Without the hashes: a file cannot contain its own hash.
-    return text.split("\nfrozen:")[0].rstrip("\n") + "\n"
-
-
-def _suites_hash(path: Path) -> str:
-    return hashlib.sha256(_unfrozen(path).encode()).hexdigest()
-
-
-def _hash(path: Path) -> str:
-    return hashlib.sha256(_text(path).encode()).hexdigest()
 
 
 def main() -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import logging
 import math
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from typing import Protocol
 
 import numpy as np
@@ -18,7 +18,7 @@ from pepper_driver.config.errors import ArgumentError
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.detection.body_isolation import BodyTracker
 from pepper_driver.observer.detection.chain_isolation import ChainTrackers
-from pepper_driver.observer.detection.excursions import ResidualHistory
+from pepper_driver.observer.detection.excursions import Onset, ResidualHistory
 from pepper_driver.observer.interface import (
     Contact,
     HandLoad,
@@ -70,6 +70,21 @@ class Tracker(Protocol):
         ...
 
 
+@dataclass(frozen=True, kw_only=True)
+class ObserverParts:
+    """Stages of mode ``fusion`` that can be left out or replaced, to compare it with itself; by default all are there.
+
+    Attributes:
+        hands: False for no estimate of the loads of the hands.
+        alter: Function that returns a generator to use in place of the one made, such as one around it.
+        tracker: Function that makes the tracker.
+    """
+
+    hands: bool = True
+    alter: Callable[[ResidualGenerator], ResidualGenerator] | None = None
+    tracker: Callable[[RobotConfig, ObserverSettings, Onset], Tracker] = BodyTracker
+
+
 class ContactObserver(Observer):
     """Observer of contacts: mode ``paper`` with trees, modes ``fusion`` and ``momentum`` with fusion models.
 
@@ -83,6 +98,7 @@ class ContactObserver(Observer):
         models: Models of its joints; those that have none stay blind.
         settings: Filter, threshold and times.
         momentum: True to use only the momentum channel of fusion models: the baseline ``momentum``.
+        parts: Stages of mode ``fusion``; the others ignore it.
 
     Raises:
         ModelFileError: The models are of another robot.
@@ -95,16 +111,17 @@ class ContactObserver(Observer):
         settings: ObserverSettings,
         *,
         momentum: bool = False,
+        parts: ObserverParts = ObserverParts(),
     ) -> None:
         models.check_robot(robot)
         self._models, self._robot, self._settings = models, robot, settings
         self._mode = "paper" if models.kind != "fusion" else "momentum" if momentum else "fusion"
-        self._generator, window = _make_generator(self._mode, robot, models, settings)
+        self._generator, window = _make_generator(self._mode, robot, models, settings, parts)
         lookback = math.ceil(ONSET_LOOKBACK / robot.cycle)
         self._history = ResidualHistory(window, lookback, len(robot.joint_names))
         self._tracker: Tracker
         if self._mode == "fusion":
-            self._tracker = BodyTracker(robot, settings, self._history.onset)
+            self._tracker = parts.tracker(robot, settings, self._history.onset)
         else:
             self._tracker = ChainTrackers(robot, settings, self._history.onset)
         no_model = self._generator.no_model
@@ -245,7 +262,11 @@ def _sizes(tick: Tick) -> tuple[int, ...]:
 
 
 def _make_generator(
-    mode: str, robot: RobotConfig, models: ModelSet, settings: ObserverSettings
+    mode: str,
+    robot: RobotConfig,
+    models: ModelSet,
+    settings: ObserverSettings,
+    parts: ObserverParts,
 ) -> tuple[ResidualGenerator, int]:
     """Make the residual generator for the models, and the window of its filter."""
     of_joint = [models.models.get(name) for name in robot.joint_names]
@@ -260,12 +281,12 @@ def _make_generator(
         base = None
         if models.base is not None:
             base = BaseGenerator(models.base, robot, window, adapt=adapt)
-        generator = FusionGenerator(
+        generator: ResidualGenerator = FusionGenerator(
             fusion,
             robot.cycle,
             window=window,
             adapt=adapt,
-            hands=HandLoads(robot, fusion) if adapt else None,
+            hands=HandLoads(robot, fusion) if adapt and parts.hands else None,
             base=base,
             motor_torque=np.array(
                 [
@@ -274,6 +295,8 @@ def _make_generator(
                 ]
             ),
         )
+        if parts.alter is not None:
+            generator = parts.alter(generator)
         return generator, window
     trees = [model if isinstance(model, CartTree | AffineTree) else None for model in of_joint]
     threshold = np.array(

@@ -321,7 +321,7 @@ class Pepper(CallbackRegistry):
         Args:
             link: Name of the link.
             point: (3,) where it holds, in the link's frame [m]; by default the link's centre of mass.
-            stiffness: Of the hand, 500 to 3000 [N/m].
+            stiffness: Of the hand, 300 to 3000 [N/m].
             max_force: What the hand can do [N].
             timeout: [s] of the robot's time without :meth:`~pepper_driver.steady_hand.SteadyHand.move` after which it
                 lets go.

@@ -38,6 +38,9 @@ _APART = (
         f"config/{name}/*"
         for name in ("evaluation_experiments", "experiments", "motions", "plants")
     ),
+    "config/evaluation*",
+    "config/touch_suites.*",
+    "config/frozen.py",
     "observer/models/*.json",
 )
 """Files that models do not depend on, or whose content counts in another way."""
@@ -54,6 +57,7 @@ class IdentifiedRobot:
         name: Human-readable.
         state: ``kept`` where a file of an earlier identification holds just these models.
         file: Of its models; None where they were not identified.
+        other_files: Of the other kinds of models that were asked for, in their order.
         reason: Why not, in one line.
         report: As :meth:`Identification.as_json` gives it; empty where it was not identified.
     """
@@ -62,6 +66,7 @@ class IdentifiedRobot:
     name: str
     state: State
     file: Path | None = None
+    other_files: tuple[Path, ...] = ()
     reason: str = ""
     report: dict[str, Any]
 
@@ -94,6 +99,7 @@ class _Motion:
     joints: tuple[str, ...]
     tested: tuple[str, ...]
     kind: ModelKind
+    other_kinds: tuple[ModelKind, ...]
     seed: int
     mirror: bool
     share_types: bool
@@ -116,6 +122,11 @@ class _Robot:
     def recordings(self) -> Path:
         return self.file.with_name(f"{self.file.stem}-recordings")
 
+    def other_files(self, motion: _Motion) -> tuple[Path, ...]:
+        return tuple(
+            self.file.with_name(f"{self.file.stem}-{kind}.json") for kind in motion.other_kinds
+        )
+
 
 def identify_population(
     uri: str,
@@ -124,6 +135,7 @@ def identify_population(
     kind: ModelKind,
     folder: Path,
     *,
+    other_kinds: Sequence[ModelKind] = (),
     joints: Sequence[str] | None = None,
     calibration: Experiment | None = None,
     seed: int = 0,
@@ -144,6 +156,7 @@ def identify_population(
         experiment: An experiment with sweeps.
         kind: Of the models.
         folder: For model files; recordings are kept there until their robot is identified.
+        other_kinds: Of models that are fitted to the same recordings too, each in a file of its own.
         joints: To identify; None for those of the experiment.
         calibration: Free motion of the whole body, for thresholds; None for none.
         seed: Root of the random motion and noise.
@@ -169,6 +182,7 @@ def identify_population(
         joints=full,
         tested=tested,
         kind=kind,
+        other_kinds=tuple(other_kinds),
         seed=seed,
         mirror=mirror,
         share_types=share_types,
@@ -184,7 +198,7 @@ def identify_population(
     with lock_folder(folder):
         for one in failed:
             take(one)
-        kept = {robot.draw: _kept(robot, kind) for robot in made}
+        kept = {robot.draw: _kept(robot, motion) for robot in made}
         for found in filter(None, kept.values()):
             take(found)
         keep = not isinstance(workers, Cluster)
@@ -195,7 +209,7 @@ def identify_population(
             if kept[robot.draw] is None
         ]
         for robot, result in run_jobs(jobs, workers=workers, ordered=False):
-            take(_save(robot, result))
+            take(_save(robot, motion, result))
     return tuple(done[draw] for draw in draws)
 
 
@@ -244,19 +258,29 @@ def _content(motion: _Motion) -> dict[str, Any]:
         "seed": motion.seed,
         "mirror": motion.mirror,
         "share_types": motion.share_types,
+        # A file without other kinds is the same as before there were any.
+        **({"other_kinds": motion.other_kinds} if motion.other_kinds else {}),
     }
 
 
-def _kept(one: _Robot, kind: ModelKind) -> IdentifiedRobot | None:
+def _kept(one: _Robot, motion: _Motion) -> IdentifiedRobot | None:
     """Return a robot that was identified before; None where a file is missing or damaged."""
     try:
-        ModelSet.load(one.file, load_robot())
+        for file in (one.file, *one.other_files(motion)):
+            ModelSet.load(file, load_robot())
         report = json.loads(one.report.read_text(encoding="utf-8"))
     except (ModelFileError, OSError, ValueError, RecursionError):
         return None
-    if not isinstance(report, dict) or not _is_whole(report, kind):
+    if not isinstance(report, dict) or not _is_whole(report, motion.kind):
         return None
-    return IdentifiedRobot(draw=one.draw, name=one.name, state="kept", file=one.file, report=report)
+    return IdentifiedRobot(
+        draw=one.draw,
+        name=one.name,
+        state="kept",
+        file=one.file,
+        other_files=one.other_files(motion),
+        report=report,
+    )
 
 
 def _is_whole(report: dict[str, Any], kind: ModelKind) -> bool:
@@ -273,7 +297,9 @@ def _is_whole(report: dict[str, Any], kind: ModelKind) -> bool:
     return bool(fits) and numbers and texts
 
 
-def _identify(one: _Robot, motion: _Motion, keep: bool) -> tuple[_Robot, Identification | str]:
+def _identify(
+    one: _Robot, motion: _Motion, keep: bool
+) -> tuple[_Robot, tuple[Identification, ...] | str]:
     """Identify a robot in this process; ``keep`` its recordings, so that it continues when it was interrupted."""
     try:
         with _folder(one, keep) as folder:
@@ -287,19 +313,22 @@ def _identify(one: _Robot, motion: _Motion, keep: bool) -> tuple[_Robot, Identif
                 seed=motion.seed,
                 workers=1,
             )
-            result = fit_folder(
-                folder,
-                motion.kind,
-                compare=False,
-                mirror=motion.mirror,
-                share_types=motion.share_types,
-                workers=1,
+            results = tuple(
+                fit_folder(
+                    folder,
+                    kind,
+                    compare=False,
+                    mirror=motion.mirror,
+                    share_types=motion.share_types,
+                    workers=1,
+                )
+                for kind in (motion.kind, *motion.other_kinds)
             )
     except PepperError as error:
         return one, str(error)
     except Exception as error:  # one robot that fails must not cost the others
         return one, f"{type(error).__name__}: {error}".splitlines()[0]
-    return one, result
+    return one, results
 
 
 @contextmanager
@@ -311,17 +340,27 @@ def _folder(one: _Robot, keep: bool) -> Iterator[Path]:
             yield Path(name)
 
 
-def _save(one: _Robot, result: Identification | str) -> IdentifiedRobot:
+def _save(
+    one: _Robot, motion: _Motion, result: tuple[Identification, ...] | str
+) -> IdentifiedRobot:
     """Write the models of a robot, and remove its recordings; those of one that failed stay to be looked at."""
     if isinstance(result, str):
         return IdentifiedRobot(
             draw=one.draw, name=one.name, state="failed", reason=result, report={}
         )
-    report = result.as_json()
+    main, *others = result
+    report, files = main.as_json(), one.other_files(motion)
     # The models last: with them the robot is done.
     write_json(one.report, report)
-    result.models.save(one.file)
+    for other, file in zip(others, files, strict=True):
+        other.models.save(file)
+    main.models.save(one.file)
     shutil.rmtree(one.recordings, ignore_errors=True)
     return IdentifiedRobot(
-        draw=one.draw, name=one.name, state="identified", file=one.file, report=report
+        draw=one.draw,
+        name=one.name,
+        state="identified",
+        file=one.file,
+        other_files=files,
+        report=report,
     )

@@ -477,7 +477,7 @@ PUSHES: list[Case] = [
     (lambda p: p.grab("LForeArm", [0, 100, 0]), "grab: pull: at most 1 m, got 100 m"),
     (
         lambda p: p.grab("LForeArm", [0, 0.1, 0], stiffness=1),
-        "grab: stiffness must be 500 to 3000 N/m, got 1",
+        "grab: stiffness must be 300 to 3000 N/m, got 1",
     ),
     (
         lambda p: p.grab("LForeArm", [0, 0.1, 0], stiffness="1000"),

@@ -1,0 +1,476 @@
+"""Observers that the judge compares on one robot, each with models of that robot, and their walk over one take."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter_ns
+from typing import Literal
+
+import numpy as np
+
+from pepper_driver.backends import with_query
+from pepper_driver.config import (
+    ObserverSettings,
+    PepperError,
+    RobotConfig,
+    load_observer_settings,
+)
+from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray
+from pepper_driver.config.errors import ArgumentError, check_name
+from pepper_driver.config.evaluation_baselines import (
+    STATIC_BASELINES,
+    EvaluationBaselines,
+    load_evaluation_baselines,
+)
+from pepper_driver.controller import Tick
+from pepper_driver.evaluation.observers_under_test import (
+    ORACLE,
+    PAPER_THRESHOLD,
+    OracleObserver,
+    untouched_error,
+)
+from pepper_driver.evaluation.touch.records import Hearing, TorqueEstimate, Touched
+from pepper_driver.evaluation.touch.scoring import heard
+from pepper_driver.observer import (
+    AffineTree,
+    CartTree,
+    Contact,
+    ContactObserver,
+    FusionModel,
+    ModelFileError,
+    ModelSet,
+    Observer,
+    Recording,
+)
+from pepper_driver.observer.contact_observer import ObserverParts
+from pepper_driver.observer.detection.chain_isolation import ChainTrackers
+from pepper_driver.observer.interface import HandLoad, ResidualGenerator, Residuals
+
+# -- names ------------------------------------------------------------------------------------------------------------
+
+FUSION = "fusion"
+
+MATCHED = "@matched"
+"""Ending of a baseline whose threshold gives the false contacts of ``fusion`` on the development suites."""
+
+MOMENTUM_ADAPTIVE = "momentum-adaptive"
+
+BASELINES = (
+    *STATIC_BASELINES,
+    *(f"{name}{MATCHED}" for name in STATIC_BASELINES),
+    MOMENTUM_ADAPTIVE,
+    ORACLE,
+)
+
+ABLATIONS = tuple(
+    f"{FUSION}-without-{part}"
+    for part in (
+        "twin",
+        "momentum",
+        "tree",
+        "adaptation",
+        "hands",
+        "base",
+        "adaptive-threshold",
+        "isolation",
+    )
+)
+
+OBSERVERS = (FUSION, *BASELINES, *ABLATIONS)
+
+DEFAULT = (FUSION, *(name for name in BASELINES if name != ORACLE))
+"""Observers of each take. The oracle costs a simulation of it; ablations are for the development suites."""
+
+# -- making -----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelFiles:
+    """Model files of one robot, by their kind; None where it has none of this kind."""
+
+    fusion: Path
+    affine: Path | None = None
+    cart: Path | None = None
+
+
+def oracle_uri(plant: str, draw: int | None = None, day: int | None = None) -> str:
+    """Return the URI of a simulated robot for its oracle: the robot itself, also where it is a draw."""
+    return with_query("mujoco", plant=plant, draw=draw, day=day)
+
+
+def make(
+    name: str,
+    robot: RobotConfig,
+    models: ModelFiles,
+    *,
+    baselines: EvaluationBaselines | None = None,
+    recording: Recording | None = None,
+    uri: str | None = None,
+) -> Observer:
+    """Make an observer of this robot.
+
+    Args:
+        name: One of OBSERVERS.
+        robot: Its description.
+        models: Files of its own models.
+        baselines: Factors of the baselines ``@matched``; None for the shipped ones.
+        recording: Take that the oracle foresees; others do not need it.
+        uri: Simulated robot of this take: plant, draw and day. Its noise does not matter, its world is left out.
+
+    Raises:
+        UnknownNameError: No observer of this name.
+        ModelFileError: A file is damaged, missing, of another kind, or of another robot.
+        ArgumentError: The oracle has no take.
+        HeldOutDrawError: The oracle's robot is a draw for tests, and these are not allowed here.
+        ConfigError: The factors or settings are wrong.
+    """
+    check_name("observer", name, OBSERVERS)
+    settings = load_observer_settings()
+    if name == ORACLE:
+        if recording is None or uri is None:
+            raise ArgumentError("the oracle needs the recording of a take and the URI of its robot")
+        untouched = with_query(uri, world=None, window=None)
+        return OracleObserver(robot, untouched_error(recording, untouched, robot))
+    fusion = _load(models.fusion, "fusion", robot)
+    baseline = name.removesuffix(MATCHED)
+    if baseline in STATIC_BASELINES:
+        factor = 1.0
+        if baseline != name:
+            factor = (baselines or load_evaluation_baselines()).factors[baseline]
+        return _static(baseline, factor, robot, models, fusion, settings)
+    if name == MOMENTUM_ADAPTIVE:
+        return ContactObserver(robot, _changed(fusion, _momentum_at_its_bound), settings)
+    return _fusion(name, robot, fusion, settings)
+
+
+def _load(path: Path, kind: str, robot: RobotConfig) -> ModelSet:
+    models = ModelSet.load(path, robot)
+    if models.kind != kind:
+        raise ModelFileError(f"{path}: these are models of kind '{models.kind}', not '{kind}'")
+    return models
+
+
+def _static(
+    name: str,
+    factor: float,
+    robot: RobotConfig,
+    files: ModelFiles,
+    fusion: ModelSet,
+    settings: ObserverSettings,
+) -> Observer:
+    """Return a baseline with its constant threshold times ``factor``."""
+    if name == "momentum":
+        scaled = _changed(fusion, lambda m: replace(m, momentum_bound=factor * m.momentum_bound))
+        return ContactObserver(robot, scaled, settings, momentum=True)
+    paper = replace(settings, threshold=factor * PAPER_THRESHOLD)
+    if name == "error":
+        nothing = replace(
+            fusion, kind="cart", models=dict.fromkeys(fusion.models, constant_tree(0.0)), base=None
+        )
+        return ContactObserver(robot, nothing, paper)
+    kind: Literal["affine", "cart"] = "affine" if name == "paper-affine" else "cart"
+    path = files.affine if kind == "affine" else files.cart
+    if path is None:
+        raise ModelFileError(f"observer '{name}': this robot has no models of kind '{kind}'")
+    trees = _load(path, kind, robot)
+    if trees.identity != fusion.identity:
+        raise ModelFileError(f"{path}: identified on another robot than {files.fusion}")
+    return ContactObserver(robot, trees, paper)
+
+
+def _fusion(
+    name: str, robot: RobotConfig, models: ModelSet, settings: ObserverSettings
+) -> ContactObserver:
+    """Return the observer of the project, whole or without a part."""
+    parts = ObserverParts()
+    match name.removeprefix(FUSION).removeprefix("-without-"):
+        case "twin":
+            models = _changed(models, lambda m: replace(m, weight=(0.0, 0.0)))
+        case "momentum":
+            models = _changed(models, lambda m: replace(m, weight=(1.0, 1.0)))
+        case "tree":
+            models = _changed(models, lambda m: replace(m, remainder=_NO_REMAINDER))
+        case "adaptation":  # and with it loads of hands and the envelope of the threshold
+            settings = replace(settings, adapt=False)
+        case "hands":
+            parts = ObserverParts(hands=False)
+        case "base":
+            models = replace(models, base=None)
+        case "adaptive-threshold":
+            parts = ObserverParts(alter=ConstantThreshold)
+        case "isolation":
+            parts = ObserverParts(tracker=ChainTrackers)
+    return ContactObserver(robot, models, settings, parts=parts)
+
+
+def constant_tree(value: float) -> CartTree:
+    """Return a tree with the same value everywhere."""
+    return CartTree(feature=(-1,), threshold=(0.0,), left=(-1,), right=(-1,), value=(value,))
+
+
+_NO_REMAINDER = AffineTree(
+    feature=(-1,),
+    threshold=(0.0,),
+    left=(-1,),
+    right=(-1,),
+    coefficients=((0.0, 0.0, 0.0, 0.0),),
+    lower=(0.0, 0.0, 0.0),
+    upper=(0.0, 0.0, 0.0),
+)
+
+
+def _changed(models: ModelSet, change: Callable[[FusionModel], FusionModel]) -> ModelSet:
+    """Return a set with the model of each joint changed."""
+    joints = {
+        joint: change(model)
+        for joint, model in models.models.items()
+        if isinstance(model, FusionModel)
+    }
+    return replace(models, models=joints)
+
+
+def _momentum_at_its_bound(model: FusionModel) -> FusionModel:
+    return replace(model, weight=(0.0, 0.0), bound=constant_tree(model.momentum_bound))
+
+
+class ConstantThreshold:
+    """Generator whose thresholds are the largest identified ones of the generator ``inner``, in each tick.
+
+    All else is that of ``inner``: it still adapts what it adapts.
+    """
+
+    def __init__(self, inner: ResidualGenerator) -> None:
+        self._inner = inner
+        self.no_model, self.bounds = inner.no_model, inner.bounds
+
+    def step(self, tick: Tick) -> Residuals:
+        """Take in one tick."""
+        residuals = self._inner.step(tick)
+        threshold = np.where(residuals.blind, np.nan, self.bounds)
+        return replace(residuals, threshold=threshold)
+
+    @property
+    def worn(self) -> BoolArray:
+        """(n,) joints that are worn."""
+        return self._inner.worn
+
+    @property
+    def hand_loads(self) -> dict[str, HandLoad]:
+        """Estimated loads of the hands, by arm."""
+        return self._inner.hand_loads
+
+    def learn(
+        self, residuals: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
+    ) -> None:
+        """Learn from a tick."""
+        self._inner.learn(residuals, free, settled, untouched)
+
+    def reset(self) -> None:
+        """Forget everything but the models."""
+        self._inner.reset()
+
+
+# -- watching ---------------------------------------------------------------------------------------------------------
+
+AFTER_TOUCH = 0.8
+"""[s] after a release in which thresholds are not those of a robot that nobody touches."""
+
+THRESHOLD_STRIDE = 25
+"""One tick in so many is kept of the thresholds: 0.3 s, as long as a threshold stays raised."""
+
+LEAST_TORQUE = 0.5
+"""[N m] A touch turns a joint on which it puts this much."""
+
+LEAST_RISE, PLATEAU_MARGIN = 0.1, 0.1
+"""[s] Least time that the rise and the fall of a force are taken to last; from the rise to the plateau."""
+
+LEAST_ROWS = 3
+"""Ticks of a plateau with an estimate, without which it has no mean."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Wanted:
+    """Ticks and joints of a take that are kept of each observer.
+
+    Attributes:
+        untouched: (m,) rows whose thresholds are kept.
+        place: By row, its place among them.
+        joints: By plateau, touch, joint's name and index.
+        plateaus: By row, those that it lies in.
+        true: (n, N) true torque [N m]; None where it is unknown, and there are no plateaus.
+    """
+
+    untouched: IntArray
+    place: dict[int, int]
+    joints: tuple[tuple[int, str, int], ...]
+    plateaus: dict[int, tuple[int, ...]]
+    true: FloatArray | None
+
+
+class _Listener:
+    """Results of one observer, tick by tick."""
+
+    def __init__(self, observer: Observer, ticks: int, joints: int, wanted: _Wanted) -> None:
+        self._observer, self._wanted = observer, wanted
+        self._contacts: list[Contact] = []
+        self._threshold = np.empty((len(wanted.untouched), joints))
+        self._nanoseconds = np.empty(ticks, dtype=np.int64)
+        self._sums = np.zeros((len(wanted.joints), 2))
+        self._counts = np.zeros(len(wanted.joints), dtype=np.int64)
+        self.failure = ""
+
+    def reset(self) -> None:
+        self._guard(self._observer.reset)
+
+    def step(self, row: int, tick: Tick) -> None:
+        """Show the observer a tick; do nothing after a failure."""
+        if not self.failure:
+            self._guard(lambda: self._step(row, tick))
+
+    def _guard(self, call: Callable[[], None]) -> None:
+        try:
+            call()
+        except Exception as error:  # an observer that fails must not cost the others
+            text = " ".join(str(error).split())
+            known = isinstance(error, PepperError)
+            self.failure = text if known and text else f"{type(error).__name__}: {text}"
+
+    def _step(self, row: int, tick: Tick) -> None:
+        before = perf_counter_ns()
+        observation = self._observer.step(tick)
+        self._nanoseconds[row] = perf_counter_ns() - before
+        now = tick.measurement.time
+        # An end carries the time at which the residual fell, and a callback gets it later.
+        self._contacts.extend(replace(contact, time=now) for contact in observation.contacts)
+        if (place := self._wanted.place.get(row)) is not None:
+            self._threshold[place] = observation.threshold
+        for plateau in self._wanted.plateaus.get(row, ()):
+            joint = self._wanted.joints[plateau][2]
+            estimate = observation.torque[joint]
+            if np.isfinite(estimate) and self._wanted.true is not None:
+                self._sums[plateau] += self._wanted.true[row, joint], estimate
+                self._counts[plateau] += 1
+
+    def hearing(self, robot: RobotConfig) -> Hearing:
+        """Return what the observer reported; only its failure if it failed."""
+        if self.failure:
+            return Hearing(failure=self.failure)
+        torques = [
+            TorqueEstimate(touch=touch, joint=joint, true=true / count, estimate=estimate / count)
+            for (touch, joint, _), (true, estimate), count in zip(
+                self._wanted.joints, self._sums.tolist(), self._counts.tolist(), strict=True
+            )
+            if count >= LEAST_ROWS
+        ]
+        return Hearing(
+            events=heard(self._contacts),
+            torques=tuple(torques),
+            threshold_deg=self._medians(robot),
+            step_us=float(np.median(self._nanoseconds)) * 1e-3,
+        )
+
+    def _medians(self, robot: RobotConfig) -> dict[str, float]:
+        """Return the median threshold of each joint that was not blind all the time [deg]."""
+        known = np.isfinite(self._threshold)
+        return {
+            name: float(np.degrees(np.median(self._threshold[known[:, joint], joint])))
+            for joint, name in enumerate(robot.joint_names)
+            if known[:, joint].any()
+        }
+
+
+def watch_all(
+    observers: Mapping[str, Observer],
+    recording: Recording,
+    touches: Sequence[Touched],
+    robot: RobotConfig,
+    *,
+    true_torque: FloatArray | None = None,
+    warn: bool = False,
+) -> dict[str, Hearing]:
+    """Reset the observers, and show them all each tick of a take, once.
+
+    Torques are means over the plateau of a touch: from PLATEAU_MARGIN after its rise until its fall begins, which is
+    taken to last as long as the rise.
+
+    Args:
+        observers: By name.
+        recording: n ticks of N joints.
+        touches: Touches of the take, by its clock.
+        robot: Its description.
+        true_torque: (n, N) external torque that really acted [N m]; None where it is unknown.
+        warn: Whether observers may warn in the log, as of worn joints: simulated ones are worn on purpose.
+
+    Returns:
+        By name, what each reported. One that raised has only its failure; the others go on.
+
+    Raises:
+        ArgumentError: ``true_torque`` is not of this recording.
+        RecordingError: The recording is of another robot.
+    """
+    recording.check_robot(robot)
+    if true_torque is not None and true_torque.shape != recording.position.shape:
+        raise ArgumentError(
+            f"true torques of shape {true_torque.shape} for a recording of {recording.position.shape}"
+        )
+    wanted = _wanted(recording, touches, robot, true_torque)
+    listeners = {
+        name: _Listener(observer, len(recording), len(robot.joint_names), wanted)
+        for name, observer in observers.items()
+    }
+    with _warnings(warn):
+        for listener in listeners.values():
+            listener.reset()
+        for row, tick in enumerate(recording.ticks()):
+            for listener in listeners.values():
+                listener.step(row, tick)
+    return {name: listener.hearing(robot) for name, listener in listeners.items()}
+
+
+def _wanted(
+    recording: Recording,
+    touches: Sequence[Touched],
+    robot: RobotConfig,
+    true_torque: FloatArray | None,
+) -> _Wanted:
+    time = recording.time
+    touched = np.zeros(len(time), dtype=np.bool_)
+    joints: list[tuple[int, str, int]] = []
+    plateaus: dict[int, tuple[int, ...]] = {}
+    for number, touch in enumerate(touches):
+        touched |= (time >= touch.onset) & (time <= touch.release + AFTER_TOUCH)
+        if true_torque is None:
+            continue
+        rise = max(touch.rise or 0.0, LEAST_RISE)
+        first, last = touch.onset + rise + PLATEAU_MARGIN, touch.release - rise
+        rows = np.flatnonzero((time >= first) & (time <= last)).tolist()
+        for joint, torque in touch.torque.items():
+            if abs(torque) >= LEAST_TORQUE:
+                joints.append((number, joint, robot.joint_index(joint)))
+                for row in rows:
+                    plateaus[row] = (*plateaus.get(row, ()), len(joints) - 1)
+    untouched = np.flatnonzero(~touched)[::THRESHOLD_STRIDE]
+    return _Wanted(
+        untouched=untouched,
+        place={row: place for place, row in enumerate(untouched.tolist())},
+        joints=tuple(joints),
+        plateaus=plateaus,
+        true=true_torque,
+    )
+
+
+@contextmanager
+def _warnings(allowed: bool) -> Iterator[None]:
+    """Silence the warnings of observers unless they are allowed."""
+    log = logging.getLogger("pepper_driver.observer")
+    level = log.level
+    if not allowed:
+        log.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        log.setLevel(level)

@@ -1,0 +1,437 @@
+"""Score of one take for one observer as a user hears it: each event that a callback gets is right, rebound or false."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from pepper_driver.config.errors import UnknownNameError
+from pepper_driver.config.robot import TRUNK
+from pepper_driver.evaluation.touch.records import (
+    BoardLaw,
+    Heard,
+    Hearing,
+    RobotRecord,
+    Take,
+    TorqueEstimate,
+    Touched,
+)
+from pepper_driver.observer.interface import Contact
+
+FELT_GRACE = 0.3
+"""[s] A limb still counts as touched for this long after the release: the joint has not come back yet."""
+
+REBOUND_TIME = 0.8
+"""[s] After a release in which an event that calls itself a rebound is one."""
+
+AFTER_RELEASE = 2.5
+"""[s] False events until then after a release on the same limb are marked: the touch caused them."""
+
+LATER = 0.15 + 0.012
+"""[s] After the alarm. Observers locate a contact again until 150 ms, and report it in the next cycle."""
+
+JOINT_SHARE = 0.7
+"""A joint is right if it has at least this share of the largest torque on the limb's joints."""
+
+DIRECTION_SHARE = 0.2
+"""Least share of the largest torque with which a joint has a direction that can be right or wrong."""
+
+Verdict = Literal["right", "rebound", "false"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FalseEvent:
+    """An event that no touch on its limb explains.
+
+    Attributes:
+        time: When the callback got it [s].
+        limb, joint: As the event has them.
+        move: True if a contact moved there, False if it began there.
+        rebound: True if it called itself a rebound.
+        after_release: True if a touch on the same limb ended FELT_GRACE to AFTER_RELEASE before.
+        other_touched: True if another limb was touched then.
+    """
+
+    time: float
+    limb: str
+    joint: str | None
+    move: bool
+    rebound: bool
+    after_release: bool
+    other_touched: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Told:
+    """Place and direction of a contact at one moment, against the truth; None where there is no truth to compare with.
+
+    Attributes:
+        limb: It is on the touched limb.
+        joint: Its joint has at least JOINT_SHARE of the largest torque on the limb's joints. None on the trunk.
+        largest_joint: Its joint has the largest. None on the trunk.
+        direction: Its sign is that of the torque on its joint; None below DIRECTION_SHARE of the largest torque.
+    """
+
+    limb: bool
+    joint: bool | None
+    largest_joint: bool | None
+    direction: bool | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class TouchScore:
+    """One touch and what was told of it.
+
+    Attributes:
+        touch: The touch.
+        felt: True if an event on its limb told it, from its onset to FELT_GRACE after its release.
+        delay: From the onset, or from the first tick if it had begun before, to that event [s]; None if not felt.
+        first_limb: True if the first thing told of it was on its limb, False if a false contact began on another one
+            before. None if nothing was told.
+        alarm, later: Contact that told it, then and LATER after; an ended one stays where it was. None if not felt.
+        end_error: End of that contact minus release [s]; None if it is not felt or lasts until the end of the take.
+        open: True if that contact lasts until the end of the take.
+        torques: Pairs of true and estimated torque; empty if not felt.
+    """
+
+    touch: Touched
+    felt: bool = False
+    delay: float | None = None
+    first_limb: bool | None = None
+    alarm: Told | None = None
+    later: Told | None = None
+    end_error: float | None = None
+    open: bool = False
+    torques: tuple[TorqueEstimate, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class TakeScore:
+    """Score of one take for one observer.
+
+    Attributes:
+        suite, state, number, day: Of the take.
+        hours: Time in which an alarm could have been false, a mean over the limbs [h].
+        touches: All of the take, in their order.
+        right, rebounds: Number of events that were right, or rebounds.
+        false: The other events, in the order of their times.
+        idle_contact: Time in contacts where nothing touched their limb, rebounds left out, summed over contacts [s].
+        failure: Reason why the observer has no result: then no touch is felt and there are no hours. Empty if it has.
+    """
+
+    suite: str
+    state: str
+    number: int
+    day: int | None
+    hours: float
+    touches: tuple[TouchScore, ...]
+    right: int = 0
+    rebounds: int = 0
+    false: tuple[FalseEvent, ...] = ()
+    idle_contact: float = 0.0
+    failure: str = ""
+
+    @property
+    def false_begins(self) -> int:
+        """Number of contacts that began where nothing touched."""
+        return sum(not event.move for event in self.false)
+
+    @property
+    def false_moves(self) -> int:
+        """Number of times that a contact moved to where nothing touched."""
+        return sum(event.move for event in self.false)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotScore:
+    """Scores of all takes of one robot for one observer.
+
+    Attributes:
+        robot, law: Of the record.
+        failure: Reason why the robot could not be identified; its touches are then not felt. Empty if it could.
+        takes: Of the takes that were performed.
+        failed_takes: Number of those that could not be performed: they are left out.
+        failed_touches: Number of touches planned for these.
+    """
+
+    robot: str
+    law: BoardLaw | None
+    failure: str
+    takes: tuple[TakeScore, ...]
+    failed_takes: int
+    failed_touches: int
+
+
+def heard(contacts: Iterable[Contact]) -> tuple[Heard, ...]:
+    """Return the events of an observer that tell a user something new.
+
+    These are begins, ends, and updates with another joint, limb, direction or kind than the event before. A begin has
+    the time of its detection. An end has the time at which it says that the contact ended: it is reported somewhat
+    later.
+    """
+    events: list[Heard] = []
+    last: dict[int, tuple[object, ...]] = {}
+    for contact in contacts:
+        told = (contact.joint, contact.limb, contact.direction, contact.kind)
+        if contact.phase == "update" and last.get(contact.id) == told:
+            continue
+        last[contact.id] = told
+        events.append(
+            Heard(
+                id=contact.id,
+                phase=contact.phase,
+                time=contact.detection_time if contact.phase == "begin" else contact.time,
+                kind=contact.kind,
+                limb=contact.limb,
+                joint=contact.joint,
+                direction=contact.direction,
+            )
+        )
+    return tuple(events)
+
+
+def score_robot(record: RobotRecord, observer: str, limbs: Collection[str]) -> RobotScore:
+    """Score all takes of a robot.
+
+    Args:
+        record: The robot. If its identification failed, no touch is felt.
+        observer: Name of the observer.
+        limbs: Names of all limbs of the robot.
+
+    Raises:
+        UnknownNameError: A take of an identified robot was not observed by it.
+    """
+    performed = [take for take in record.takes if not take.failure]
+    failed = [take for take in record.takes if take.failure]
+    return RobotScore(
+        robot=record.robot,
+        law=record.law,
+        failure=record.failure,
+        takes=tuple(
+            _unheard(take, record.failure) if record.failure else score_take(take, observer, limbs)
+            for take in performed
+        ),
+        failed_takes=len(failed),
+        failed_touches=sum(len(take.planned) for take in failed),
+    )
+
+
+def score_take(take: Take, observer: str, limbs: Collection[str]) -> TakeScore:
+    """Score one performed take for one observer.
+
+    - An event is a begin, or a move: an update to another limb or joint, or one that stops to be a rebound.
+    - It is right if it is no rebound and its limb is touched, from the onset to FELT_GRACE after the release. A rebound
+      is one until REBOUND_TIME after the release of a touch on its limb. Every other event is false.
+    - A touch is felt by the first right begin on its limb, or move onto it. Each of these counts for one touch only:
+      the one that began last of those not felt yet.
+    - Events of a contact without a begin are left out.
+
+    Args:
+        take: The take.
+        observer: Name of the observer.
+        limbs: Names of all limbs of the robot.
+
+    Raises:
+        UnknownNameError: The take was not observed by it.
+    """
+    if observer not in take.hearings:
+        raise UnknownNameError("observer", observer, tuple(take.hearings))
+    hearing = take.hearings[observer]
+    if hearing.failure:
+        return _unheard(take, hearing.failure)
+    tracks = _tracks(hearing.events)
+    alarms = sorted((a for track in tracks for a in _alarms(track)), key=lambda alarm: alarm.time)
+    verdicts = [_verdict(alarm, take.touches) for alarm in alarms]
+    false = [a for a, verdict in zip(alarms, verdicts, strict=True) if verdict == "false"]
+    felt_by: dict[int, _Alarm] = {}
+    for alarm, verdict in zip(alarms, verdicts, strict=True):
+        if verdict == "right" and alarm.arrives:
+            told = [
+                (touch.onset, number)
+                for number, touch in enumerate(take.touches)
+                if number not in felt_by
+                and touch.limb == alarm.event.limb
+                and _within(touch, alarm.time, FELT_GRACE)
+            ]
+            if told:
+                felt_by[max(told)[1]] = alarm
+    touched = {limb: _touched(take, limb) for limb in {*limbs, *(t.limb for t in take.touches)}}
+    exposed = sum(take.seconds - sum(end - start for start, end in touched[n]) for n in limbs)
+    return TakeScore(
+        suite=take.suite,
+        state=take.state,
+        number=take.number,
+        day=take.day,
+        hours=exposed / len(limbs) / 3600.0,
+        touches=tuple(
+            _score_touch(take, number, felt_by.get(number), false, hearing)
+            for number in range(len(take.touches))
+        ),
+        right=verdicts.count("right"),
+        rebounds=verdicts.count("rebound"),
+        false=tuple(_false_event(alarm, take.touches) for alarm in false),
+        idle_contact=sum(_idle(track, touched, take.end) for track in tracks),
+    )
+
+
+@dataclass
+class _Track:
+    """Events of one contact, and its end [s]: None if it lasts until the end of the take."""
+
+    events: list[Heard]
+    end: float | None = None
+
+    def at(self, time: float) -> Heard:
+        return next((e for e in reversed(self.events) if e.time <= time), self.events[0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Alarm:
+    """Event that is judged; ``arrives`` if it is the first of its contact on this limb that is no rebound."""
+
+    event: Heard
+    track: _Track
+    move: bool
+    arrives: bool
+
+    @property
+    def time(self) -> float:
+        return self.event.time
+
+
+def _unheard(take: Take, failure: str) -> TakeScore:
+    return TakeScore(
+        suite=take.suite,
+        state=take.state,
+        number=take.number,
+        day=take.day,
+        hours=0.0,
+        touches=tuple(TouchScore(touch=touch) for touch in take.touches),
+        failure=failure,
+    )
+
+
+def _tracks(events: Iterable[Heard]) -> list[_Track]:
+    tracks: list[_Track] = []
+    lasting: dict[int, _Track] = {}
+    for event in events:
+        if event.phase == "begin":
+            if event.id in lasting:
+                lasting[event.id].end = event.time
+            lasting[event.id] = _Track([event])
+            tracks.append(lasting[event.id])
+        elif event.phase == "update" and event.id in lasting:
+            lasting[event.id].events.append(event)
+        elif event.id in lasting:
+            lasting.pop(event.id).end = event.time
+    return tracks
+
+
+def _alarms(track: _Track) -> Iterable[_Alarm]:
+    yield _Alarm(event=track.events[0], track=track, move=False, arrives=True)
+    for before, event in zip(track.events, track.events[1:], strict=False):
+        turned = before.kind == "rebound" and event.kind != "rebound"
+        if turned or (event.limb, event.joint) != (before.limb, before.joint):
+            arrives = turned or event.limb != before.limb
+            yield _Alarm(event=event, track=track, move=True, arrives=arrives)
+
+
+def _within(touch: Touched, time: float, after: float) -> bool:
+    return touch.onset <= time <= touch.release + after
+
+
+def _verdict(alarm: _Alarm, touches: Sequence[Touched]) -> Verdict:
+    rebound = alarm.event.kind == "rebound"
+    time = REBOUND_TIME if rebound else FELT_GRACE
+    if any(t.limb == alarm.event.limb and _within(t, alarm.time, time) for t in touches):
+        return "rebound" if rebound else "right"
+    return "false"
+
+
+def _false_event(alarm: _Alarm, touches: Sequence[Touched]) -> FalseEvent:
+    limb, time = alarm.event.limb, alarm.time
+    return FalseEvent(
+        time=time,
+        limb=limb,
+        joint=alarm.event.joint,
+        move=alarm.move,
+        rebound=alarm.event.kind == "rebound",
+        after_release=any(
+            t.limb == limb and t.release + FELT_GRACE < time <= t.release + AFTER_RELEASE
+            for t in touches
+        ),
+        # Its own limb was not touched, or it would not be false.
+        other_touched=any(_within(t, time, FELT_GRACE) for t in touches),
+    )
+
+
+def _score_touch(
+    take: Take, number: int, alarm: _Alarm | None, false: Sequence[_Alarm], hearing: Hearing
+) -> TouchScore:
+    touch = take.touches[number]
+    # Right begins on its limb belong to this touch or to another one; of the false ones nobody knows.
+    elsewhere = [
+        other.time
+        for other in false
+        if not other.move
+        and other.event.kind != "rebound"
+        and _within(touch, other.time, FELT_GRACE)
+    ]
+    if alarm is None:
+        return TouchScore(touch=touch, first_limb=False if elsewhere else None)
+    track, end = alarm.track, alarm.track.end
+    return TouchScore(
+        touch=touch,
+        felt=True,
+        delay=alarm.time - (take.start if touch.standing_start else touch.onset),
+        first_limb=not any(time < alarm.time for time in elsewhere),
+        alarm=_told(alarm.event, touch),
+        later=_told(track.at(alarm.time + LATER), touch),
+        end_error=None if end is None else end - touch.release,
+        open=end is None,
+        torques=tuple(pair for pair in hearing.torques if pair.touch == number),
+    )
+
+
+def _told(event: Heard, touch: Touched) -> Told:
+    limb = event.limb == touch.limb
+    sizes = {joint: abs(torque) for joint, torque in touch.torque.items()}
+    largest = max(sizes.values(), default=0.0)
+    if touch.limb == TRUNK or largest == 0.0:
+        return Told(limb=limb, joint=None, largest_joint=None, direction=None)
+    torque = touch.torque.get(event.joint or "", 0.0)
+    directed = abs(torque) >= DIRECTION_SHARE * largest
+    return Told(
+        limb=limb,
+        joint=abs(torque) >= JOINT_SHARE * largest,
+        largest_joint=abs(torque) == largest,
+        direction=(torque > 0.0) == (event.direction > 0) if directed else None,
+    )
+
+
+def _touched(take: Take, limb: str) -> list[tuple[float, float]]:
+    """Return the times in which a limb is touched, FELT_GRACE included [s]: in order, none overlaps another."""
+    spans: list[tuple[float, float]] = []
+    for touch in sorted((t for t in take.touches if t.limb == limb), key=lambda t: t.onset):
+        start = max(touch.onset, take.start)
+        end = min(touch.release + FELT_GRACE, take.end)
+        if spans and start <= spans[-1][1]:
+            spans[-1] = (spans[-1][0], max(spans[-1][1], end))
+        elif start < end:
+            spans.append((start, end))
+    return spans
+
+
+def _idle(track: _Track, touched: dict[str, list[tuple[float, float]]], take_end: float) -> float:
+    """Time of a contact on limbs that nothing touches [s]."""
+    last = take_end if track.end is None else track.end
+    times = [*(event.time for event in track.events), last]
+    idle = 0.0
+    for event, start, end in zip(track.events, times, times[1:], strict=False):
+        # An end is dated back, perhaps before the last update.
+        if event.kind != "rebound" and start < end:
+            spans = touched.get(event.limb, [])
+            idle += end - start
+            idle -= sum(max(0.0, min(end, stop) - max(start, begin)) for begin, stop in spans)
+    return idle

@@ -1,0 +1,274 @@
+"""Judging the robots of a split: each is identified as by its owner, touched and left alone, and its record kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from pepper_driver.backends import make_backend
+from pepper_driver.config import Experiment, RobotConfig, load_plant, load_robot
+from pepper_driver.config.cluster import environment
+from pepper_driver.config.evaluation_baselines import load_evaluation_baselines
+from pepper_driver.config.experiment import load_experiment
+from pepper_driver.config.file_lock import lock_folder
+from pepper_driver.config.files import content_hash, file_hash, make_folder
+from pepper_driver.config.population import with_same_draws
+from pepper_driver.config.touch_suites import TouchSuites
+from pepper_driver.config.workers import Workers, run_jobs
+from pepper_driver.evaluation.touch.ledger import code_hash, constants_hash
+from pepper_driver.evaluation.touch.observers import ModelFiles, make, watch_all
+from pepper_driver.evaluation.touch.records import (
+    BoardLaw,
+    Hearing,
+    RecordError,
+    RobotRecord,
+    Take,
+    load_robot_record,
+    load_take,
+    save_robot,
+    save_take,
+)
+from pepper_driver.evaluation.touch.takes import TakeSpec, perform, plan_takes
+from pepper_driver.identification import IdentifiedRobot, identify_population
+from pepper_driver.observer import ModelKind
+
+PART = 4
+"""Robots that are judged together: a part, after which nothing is lost."""
+
+EXPERIMENT, CALIBRATION = "identify", "calibration_motion"
+"""Motions by which an owner identifies a robot: those of ``pepper identify``."""
+
+TREES: tuple[ModelKind, ...] = ("affine", "cart")
+
+Progress = Callable[[str, int, int], None]
+"""Called with (what was done, jobs done, jobs in all) of a part."""
+
+Kept = Callable[[RobotRecord], None]
+"""Called with the record of a robot once it is complete."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judging:
+    """How robots are judged.
+
+    Attributes:
+        suites: Frozen.
+        free: Time in which no one touches each robot [s].
+        observers: Names.
+        folder: For models and takes of robots that are not complete.
+        records: For the record of each robot that is.
+    """
+
+    suites: TouchSuites
+    free: float
+    observers: tuple[str, ...]
+    folder: Path
+    records: Path
+
+    def key(self) -> str:
+        """Hash of all that records depend on beside the robot."""
+        return content_hash(
+            [
+                self.suites.frozen,
+                self.free,
+                self.observers,
+                code_hash(),
+                constants_hash(),
+                environment(),
+            ]
+        )
+
+
+def judge(
+    judging: Judging,
+    draws: Sequence[int],
+    *,
+    workers: Workers = -1,
+    progress: Progress | None = None,
+    kept: Kept | None = None,
+) -> tuple[RobotRecord, ...]:
+    """Judge robots, in parts; what an earlier call has done is taken. The records do not depend on ``workers``.
+
+    Args:
+        judging: How.
+        draws: Numbers of the robots. Those for tests are allowed only inside
+            :func:`pepper_driver.config.population.allow_test_draws`.
+        workers: Processes, -1 for one per core; or a cluster, whose workers share the folders.
+        progress: Called as jobs end.
+        kept: Called as robots are complete.
+
+    Returns:
+        The records, in the order of ``draws``. A robot that could not be identified has its touches, and its failure.
+
+    Raises:
+        HeldOutDrawError: A draw for tests.
+        InUseError: Another run judges in the same folders.
+        OutputError: A folder cannot be written to.
+    """
+    for folder in (judging.folder, judging.records):
+        make_folder(folder)
+    key = judging.key()
+    done: dict[int, RobotRecord] = {}
+    with lock_folder(judging.records), lock_folder(judging.folder):
+        for draw in draws:
+            if (record := _kept_record(judging, draw, key)) is not None:
+                done[draw] = record
+        left = [draw for draw in draws if draw not in done]
+        for start in range(0, len(left), PART):
+            part = left[start : start + PART]
+            for record in _judge_part(judging, part, key, workers, progress):
+                assert record.draw is not None
+                save_robot(record, _record_path(judging, record.draw))
+                done[record.draw] = record
+                if kept is not None:
+                    kept(record)
+    return tuple(done[draw] for draw in draws)
+
+
+def _record_path(judging: Judging, draw: int) -> Path:
+    return judging.records / f"{judging.suites.population}-{draw}.json.gz"
+
+
+def _kept_record(judging: Judging, draw: int, key: str) -> RobotRecord | None:
+    """Return the record of an earlier call; None where there is none, or one of other code, suites or observers."""
+    try:
+        record = load_robot_record(_record_path(judging, draw))
+    except RecordError:
+        return None
+    return record if record.key == key else None
+
+
+def _judge_part(
+    judging: Judging,
+    draws: Sequence[int],
+    key: str,
+    workers: Workers,
+    progress: Progress | None,
+) -> Iterator[RobotRecord]:
+    """Identify robots, perform their takes, and yield their records."""
+    robot = load_robot()
+    specs = {draw: plan_takes(judging.suites, draw, judging.free) for draw in draws}
+    total = len(draws) + sum(map(len, specs.values()))
+    count = 0
+
+    def tell(what: str) -> None:
+        nonlocal count
+        count += 1
+        if progress is not None:
+            progress(what, count, total)
+
+    identified = _identify(
+        judging, draws, robot, workers, lambda one: tell(f"{one.name}, identified")
+    )
+    takes: dict[tuple[int, str], Take] = {}
+    jobs = []
+    for draw in draws:
+        owner = identified[draw]
+        folder = judging.folder / f"{judging.suites.population}-{draw}"
+        make_folder(folder)
+        models = _models(owner)
+        for spec in specs[draw]:
+            path = folder / f"{spec.name}-{_take_key(key, spec, models)}.json.gz"
+            jobs.append(with_same_draws(partial(_perform, spec, models, judging.observers, path)))
+    for spec, take in run_jobs(jobs, workers=workers, ordered=False):
+        takes[spec.draw, spec.name] = take
+        tell(f"{spec.population}-{spec.draw}, {spec.name}")
+    for draw in draws:
+        owner = identified[draw]
+        fits: dict[str, dict[str, float]] = next(iter(owner.report.get("fit", {}).values()), {})
+        yield RobotRecord(
+            key=key,
+            robot=f"{judging.suites.population} {draw}",
+            draw=draw,
+            law=_law(judging, draw, robot),
+            identity=_identity(judging, draw),
+            failure="" if owner.file is not None else owner.reason,
+            fit={joint: fit["test"] for joint, fit in fits.items()},
+            warnings=owner.warnings,
+            takes=tuple(takes[draw, spec.name] for spec in specs[draw]),
+        )
+
+
+def _identify(
+    judging: Judging,
+    draws: Sequence[int],
+    robot: RobotConfig,
+    workers: Workers,
+    progress: Callable[[IdentifiedRobot], None],
+) -> dict[int, IdentifiedRobot]:
+    experiment: Experiment = load_experiment(EXPERIMENT, robot)
+    robots = identify_population(
+        f"mujoco://?plant={judging.suites.population}",
+        draws,
+        experiment,
+        "fusion",
+        judging.folder / "models",
+        other_kinds=TREES,
+        calibration=load_experiment(CALIBRATION, robot),
+        seed=experiment.seed,
+        workers=workers,
+        progress=lambda one, done, all_: progress(one),
+    )
+    return {one.draw: one for one in robots}
+
+
+def _models(owner: IdentifiedRobot) -> ModelFiles | None:
+    """Return the model files of a robot; None where it could not be identified."""
+    if owner.file is None:
+        return None
+    affine, cart = owner.other_files
+    return ModelFiles(fusion=owner.file, affine=affine, cart=cart)
+
+
+def _take_key(key: str, spec: TakeSpec, models: ModelFiles | None) -> str:
+    files = () if models is None else (models.fusion, models.affine, models.cart)
+    return content_hash([key, spec.seed, [file_hash(f) for f in files if f is not None]])
+
+
+def _perform(
+    spec: TakeSpec, models: ModelFiles | None, names: Sequence[str], path: Path
+) -> tuple[TakeSpec, Take]:
+    """Perform a take and show it to the observers, or read it where that was done before."""
+    try:
+        return spec, load_take(path)
+    except RecordError:
+        pass
+    robot = load_robot()
+    done = perform(spec, None if models is None else models.fusion)
+    take = done.take
+    if models is not None and done.recording is not None:
+        baselines = load_evaluation_baselines()
+        observers, failed = {}, {}
+        for name in names:
+            try:
+                observers[name] = make(
+                    name,
+                    robot,
+                    models,
+                    baselines=baselines,
+                    recording=done.recording,
+                    uri=spec.uri,
+                )
+            except Exception as error:  # one observer that fails must not cost the others
+                failed[name] = Hearing(failure=f"{type(error).__name__}: {error}".splitlines()[0])
+        heard = watch_all(
+            observers,
+            done.recording,
+            take.touches,
+            robot,
+            true_torque=done.true_torque if len(done.true_torque) else None,
+        )
+        take = replace(take, hearings={name: {**heard, **failed}[name] for name in names})
+    save_take(take, path)
+    return spec, take
+
+
+def _law(judging: Judging, draw: int, robot: RobotConfig) -> BoardLaw:
+    plant = load_plant(judging.suites.population, robot, draw=draw)
+    return "integral" if any(drive.ki for drive in plant.actuators) else "nominal"
+
+
+def _identity(judging: Judging, draw: int) -> str:
+    return make_backend(f"mujoco://?plant={judging.suites.population}&draw={draw}").info.identity

@@ -1,0 +1,352 @@
+"""Observers of the judge, each against what makes it that observer, and their walk over a take."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pepper_driver.backends.selection import parse_uri
+from pepper_driver.config import RobotIdentity, UnknownNameError, load_plant, plant_hash
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.errors import ArgumentError
+from pepper_driver.config.evaluation_baselines import STATIC_BASELINES, EvaluationBaselines
+from pepper_driver.controller import Tick
+from pepper_driver.evaluation.touch import observers as module
+from pepper_driver.evaluation.touch.observers import (
+    ABLATIONS,
+    BASELINES,
+    DEFAULT,
+    OBSERVERS,
+    ModelFiles,
+    make,
+    oracle_uri,
+    watch_all,
+)
+from pepper_driver.evaluation.touch.records import Touched
+from pepper_driver.observer import (
+    AffineTree,
+    Contact,
+    ContactObserver,
+    FusionModel,
+    ModelFileError,
+    ModelSet,
+    Observation,
+    Observer,
+    Recording,
+    shipped,
+)
+from pepper_driver.observers import make_observer
+from support.evaluation import CYCLE, INDEX, JOINT, JOINTS, ROBOT, Script, contact, recording
+
+FILES = ModelFiles(
+    fusion=shipped("fusion")["nominal"],
+    affine=shipped("affine")["nominal"],
+    cart=shipped("cart")["nominal"],
+)
+FUSION_MODELS = ModelSet.load(FILES.fusion)
+FACTORS = dict(zip(STATIC_BASELINES, (2.0, 3.0, 4.0, 5.0), strict=True))
+BASELINE_FACTORS = EvaluationBaselines(version=1, factors=FACTORS, chosen_on="a test")
+PAPER = np.radians(2.5)
+
+
+def moving(seconds: float = 4.0) -> Recording:
+    """A shoulder that is to move for the first seconds, of which its encoder shows nothing for the last of them."""
+    run = recording(seconds)
+    time = run.time
+    columns: dict[str, Any] = {}
+    for name, values in (
+        ("sent_position", 0.3 * np.sin(2.0 * time)),
+        ("velocity", 0.6 * np.cos(2.0 * time)),
+        ("acceleration", -1.2 * np.sin(2.0 * time)),
+        ("load_torque", 1.0 + 0.5 * np.sin(2.0 * time)),
+    ):
+        column = np.zeros((len(run), JOINTS))
+        column[:, INDEX] = values
+        columns[name] = column
+    position = columns["sent_position"].copy()
+    late = time > seconds - 1.0
+    position[late] -= 0.2 * np.sin(np.pi * (time[late, None] - seconds + 1.0))
+    return replace(run, position=position, **columns)
+
+
+RUN = moving()
+
+
+def observe(
+    observer: Observer, run: Recording = RUN, ticks: int | None = None
+) -> list[Observation]:
+    observer.reset()
+    return [observer.step(tick) for tick in islice(run.ticks(), ticks)]
+
+
+def by_joint(value: Callable[[FusionModel], float]) -> FloatArray:
+    found = [FUSION_MODELS.models[name] for name in ROBOT.joint_names]
+    return np.array([value(m) for m in found if isinstance(m, FusionModel)])
+
+
+def made(name: str) -> Observer:
+    return make(name, ROBOT, FILES, baselines=BASELINE_FACTORS)
+
+
+def begins(observations: list[Observation]) -> list[Contact]:
+    return [c for o in observations for c in o.contacts if c.phase == "begin"]
+
+
+def test_each_name_is_made_and_no_other() -> None:
+    assert set(DEFAULT) <= set(OBSERVERS) == {"fusion", *BASELINES, *ABLATIONS}
+    assert len(set(OBSERVERS)) == len(OBSERVERS) == 1 + 4 + 4 + 2 + 8
+    with pytest.raises(UnknownNameError, match=r"'fusion-without-twins'.*fusion-without-twin"):
+        made("fusion-without-twins")
+    with pytest.raises(UnknownNameError, match="momentum-adaptive@matched"):
+        made("momentum-adaptive@matched")
+    with pytest.raises(ArgumentError, match="the oracle needs the recording"):
+        made("oracle")
+
+
+def test_ours_is_the_observer_as_users_have_it() -> None:
+    identity = plant_hash(load_plant("nominal", ROBOT), ROBOT)
+    users = make_observer("fusion", ROBOT, [RobotIdentity(name="nominal", identity=identity)])
+    theirs, ours = observe(users), observe(made("fusion"))
+    assert any(o.contacts for o in ours)
+    for one, other in zip(ours, theirs, strict=True):
+        assert one.contacts == other.contacts
+        np.testing.assert_array_equal(one.residual, other.residual)
+        np.testing.assert_array_equal(one.threshold, other.threshold)
+
+
+@pytest.mark.parametrize("name", STATIC_BASELINES)
+def test_a_static_baseline_has_its_threshold_and_a_matched_one(name: str) -> None:
+    own = np.full(JOINTS, PAPER)
+    if name == "momentum":
+        own = by_joint(lambda m: m.momentum_bound)
+    plain, matched = observe(made(name)), observe(made(f"{name}@matched"))
+    for one, other in zip(plain[::20], matched[::20], strict=True):
+        np.testing.assert_allclose(one.threshold, own, rtol=1e-12)
+        np.testing.assert_allclose(other.threshold, FACTORS[name] * own, rtol=1e-12)
+        np.testing.assert_array_equal(one.residual, other.residual)
+
+
+def test_what_a_static_baseline_expects() -> None:
+    features = RUN.features(INDEX)
+    for name, kind in (("paper-affine", "affine"), ("paper-cart", "cart")):
+        tree = ModelSet.load(shipped(kind)["nominal"]).models[JOINT]  # type: ignore[arg-type]
+        assert not isinstance(tree, FusionModel)
+        said = [o.expected[INDEX] for o in observe(made(name), ticks=100)]
+        np.testing.assert_array_equal(said, tree.predict(features[:100]))
+    assert all((o.expected == 0.0).all() for o in observe(made("error"), ticks=100))
+
+
+def test_momentum_with_our_threshold() -> None:
+    """The residual of ours without the twin, the largest residual of the momentum observer, and our factor on it."""
+    adaptive = observe(made("momentum-adaptive"), ticks=1)[0]
+    bare = observe(made("fusion-without-twin"), ticks=1)[0]
+    np.testing.assert_array_equal(adaptive.residual, bare.residual)
+    bounds = np.degrees(by_joint(lambda m: m.momentum_bound))
+    described = made("momentum-adaptive").describe()
+    assert f"threshold {bounds.min():.2f} to {bounds.max():.2f} deg" in described
+    assert (adaptive.threshold > 1.99 * np.radians(bounds)).all()
+
+
+def test_twin_and_momentum_make_ours_by_their_weights() -> None:
+    ours, without_twin, without_momentum = (
+        observe(made(name), ticks=1)[0].residual
+        for name in ("fusion", "fusion-without-twin", "fusion-without-momentum")
+    )
+    weight = by_joint(lambda m: m.weight[0])  # a model that has just started is at rest
+    np.testing.assert_allclose(
+        ours, weight * without_momentum + (1.0 - weight) * without_twin, atol=1e-15
+    )
+    assert abs(without_momentum[INDEX] - without_twin[INDEX]) > 1e-4
+
+
+def test_without_its_tree_ours_expects_less_by_what_the_tree_says() -> None:
+    ours, without = (
+        observe(made(name), ticks=1)[0].expected for name in ("fusion", "fusion-without-tree")
+    )
+    model = FUSION_MODELS.models[JOINT]
+    assert isinstance(model, FusionModel)
+    assert isinstance(model.remainder, AffineTree)
+    remainder = model.remainder.predict(RUN.features(INDEX)[:1])[0]
+    assert abs(remainder) > 1e-5
+    assert ours[INDEX] - without[INDEX] == pytest.approx(remainder, abs=1e-15)
+
+
+def test_without_adaptation_or_hands() -> None:
+    bound = by_joint(lambda m: m.max_bound)
+    loads = {}
+    for name in ("fusion", "fusion-without-hands", "fusion-without-adaptation"):
+        observer = made(name)
+        assert isinstance(observer, ContactObserver)
+        first = observe(observer, ticks=1)[0].threshold
+        loads[name] = observer.hand_loads
+        # Before a motion the threshold that adapts is at least twice the identified one of a joint at rest.
+        assert (first > bound).any() == (name != "fusion-without-adaptation")
+    assert set(loads["fusion"]) == {"left_arm", "right_arm"}
+    assert not loads["fusion-without-hands"]
+    assert not loads["fusion-without-adaptation"]
+
+
+def test_without_the_adaptive_threshold_it_is_the_largest_identified_one() -> None:
+    for one in observe(made("fusion-without-adaptive-threshold")):
+        np.testing.assert_array_equal(one.threshold, by_joint(lambda m: m.max_bound))
+    ours = np.array([o.threshold for o in observe(made("fusion"))])
+    assert np.ptp(ours[:, INDEX]) > 1e-3
+    blind = replace(RUN, stiffness=np.full((len(RUN), JOINTS), 0.5))
+    without = observe(made("fusion-without-adaptive-threshold"), blind, ticks=3)
+    assert np.isnan(without[-1].threshold).all()
+
+
+def test_without_the_base_nobody_feels_that_wheels_are_turned() -> None:
+    wheels = np.zeros((len(RUN), 3))
+    wheels[100:200] = 3.0
+    pushed = replace(recording(len(RUN) * CYCLE), wheel_speed=wheels)
+    assert [c.link for c in begins(observe(made("fusion"), pushed))][:1] == ["base_link"]
+    assert not begins(observe(made("fusion-without-base"), pushed))
+    # The rule of the paper knows chains of joints, and no base.
+    assert not begins(observe(made("fusion-without-isolation"), pushed))
+
+
+def test_without_isolation_the_residuals_are_ours_and_the_events_the_papers() -> None:
+    ours, without = observe(made("fusion")), observe(made("fusion-without-isolation"))
+    first = next(row for row, o in enumerate(ours) if o.contacts)
+    for one, other in zip(ours[:first], without[:first], strict=True):
+        np.testing.assert_array_equal(one.residual, other.residual)
+    assert begins(ours)[0].torque is not None
+    assert begins(without)[0].torque is None
+
+
+def test_models_must_be_of_one_robot_and_of_their_kind(tmp_path: Path) -> None:
+    with pytest.raises(ModelFileError, match="has no models of kind 'cart'"):
+        make("paper-cart", ROBOT, ModelFiles(fusion=FILES.fusion))
+    foreign = shipped("affine")["integral"]
+    with pytest.raises(ModelFileError, match="on another robot than"):
+        make("paper-affine", ROBOT, replace(FILES, affine=foreign))
+    with pytest.raises(ModelFileError, match="of kind 'cart', not 'fusion'"):
+        make("fusion", ROBOT, replace(FILES, fusion=shipped("cart")["nominal"]))
+    with pytest.raises(ModelFileError, match="no such file"):
+        make("momentum", ROBOT, ModelFiles(fusion=tmp_path / "none.json"))
+
+
+def test_the_oracle_is_the_drawn_robot_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def note(_: Recording, uri: str, __: object) -> FloatArray:
+        asked.append(dict(parse_uri(uri).query))
+        return np.full((1, JOINTS), 0.1)
+
+    monkeypatch.setattr(module, "untouched_error", note)
+    uri = oracle_uri("random", 7, 2) + "&seed=4&world=table"
+    oracle = make("oracle", ROBOT, FILES, recording=RUN, uri=uri)
+    make("oracle", ROBOT, FILES, recording=RUN, uri=oracle_uri("nominal"))
+    assert asked == [
+        {"plant": "random", "draw": "7", "day": "2", "seed": "4"},
+        {"plant": "nominal"},
+    ]
+    assert observe(oracle, ticks=1)[0].expected[INDEX] == 0.1
+
+
+# -- watching ---------------------------------------------------------------------------------------------------------
+
+TOUCH = Touched(
+    row="touches",
+    place="hand",
+    limb="left_arm",
+    link="LForeArm",
+    asked=12.0,
+    force=12.0,
+    rise=0.2,
+    onset=2.0,
+    release=3.0,
+    torque={JOINT: 4.0, "LElbowRoll": -0.4},
+    friction_bound=None,
+    moving=False,
+)
+STILL = recording(6.0)
+TIME = STILL.time
+
+
+class Broken(Script):
+    """Raises in one tick."""
+
+    def step(self, tick: Tick) -> Observation:
+        if self._row == 10:
+            raise ZeroDivisionError("no\nreason")
+        return super().step(tick)
+
+
+def test_torques_are_means_over_the_plateau_of_joints_that_turn() -> None:
+    estimate, true = np.full((len(TIME), JOINTS), 99.0), np.full((len(TIME), JOINTS), 77.0)
+    plateau = (TIME >= 2.3) & (TIME <= 2.8)  # after the rise and 0.1 s, until the fall
+    estimate[plateau] = np.where(np.arange(plateau.sum())[:, None] % 2, 3.0, np.nan)
+    true[plateau] = np.where(np.arange(plateau.sum())[:, None] % 2, 4.0, 1000.0)
+    late = replace(TOUCH, onset=4.0, release=4.53)  # two ticks are no plateau
+    script = {"script": Script(torque=estimate)}
+    found = watch_all(script, STILL, [late, TOUCH], ROBOT, true_torque=true)["script"].torques
+    assert [(t.touch, t.joint, t.true, t.estimate) for t in found] == [(1, JOINT, 4.0, 3.0)]
+    assert not watch_all(script, STILL, [TOUCH], ROBOT)["script"].torques
+    # A tap has no rise to speak of, and is taken to need as long as the least one.
+    tap = replace(TOUCH, rise=0.0, onset=2.1, release=2.9)
+    assert watch_all(script, STILL, [tap], ROBOT, true_torque=true)["script"].torques == (
+        replace(found[0], touch=0),
+    )
+    with pytest.raises(ArgumentError, match="true torques of shape"):
+        watch_all(script, STILL, [TOUCH], ROBOT, true_torque=true[1:])
+
+
+def test_thresholds_are_those_of_a_robot_that_nobody_touches() -> None:
+    threshold = np.full((len(TIME), JOINTS), np.radians(2.0))
+    threshold[(TIME >= 1.0) & (TIME <= 5.3)] = 1.0
+    threshold[TIME > 5.3, INDEX] = np.radians(4.0)
+    threshold[:, 3] = np.nan
+    touch = replace(TOUCH, onset=1.0, release=4.5)
+    said = watch_all({"script": Script(threshold=threshold)}, STILL, [touch], ROBOT)["script"]
+    # 1 s before the touch, 0.7 s after what follows it.
+    assert said.threshold_deg[JOINT] == pytest.approx(2.0)
+    assert said.threshold_deg["HipRoll"] == pytest.approx(2.0)
+    assert "HeadYaw" not in said.threshold_deg
+    assert len(said.threshold_deg) == JOINTS - 1
+    assert said.step_us > 0.0
+
+
+def test_one_that_fails_does_not_cost_the_others(caplog: pytest.LogCaptureFixture) -> None:
+    events = (
+        contact(1, 2.2),
+        replace(contact(1, 3.1), phase="end"),
+    )
+
+    class Worn(Script):
+        def step(self, tick: Tick) -> Observation:
+            logging.getLogger("pepper_driver.observer.contact_observer").warning("has worn")
+            return super().step(tick)
+
+    contenders = {"broken": Broken(events), "good": Worn(events)}
+    said = watch_all(contenders, STILL, [TOUCH], ROBOT)
+    assert said["broken"].failure == "ZeroDivisionError: no reason"
+    assert not said["broken"].events
+    assert not caplog.records
+    assert [(e.id, e.phase, e.joint) for e in said["good"].events] == [
+        (1, "begin", JOINT),
+        (1, "end", JOINT),
+    ]
+    # Once more: they were reset. Warnings are wanted of a real robot.
+    again = watch_all(contenders, STILL, [TOUCH], ROBOT, warn=True)
+    assert again["good"].events == said["good"].events
+    assert len(caplog.records) == len(STILL)
+
+
+def test_an_event_is_heard_in_the_tick_that_reports_it() -> None:
+    end = replace(contact(1, 2.2), phase="end")  # of a contact that fell 0.8 s ago
+
+    class Late(Script):
+        def step(self, tick: Tick) -> Observation:
+            done = super().step(tick)
+            said = (end,) if abs(tick.measurement.time - 3.0) < CYCLE / 2 else ()
+            return replace(done, contacts=(*done.contacts, *said))
+
+    heard = watch_all({"late": Late((contact(1, 1.0),))}, STILL, [TOUCH], ROBOT)["late"].events
+    assert [event.time for event in heard] == pytest.approx([1.0, 3.0], abs=CYCLE)

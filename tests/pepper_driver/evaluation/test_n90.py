@@ -1,0 +1,229 @@
+"""N90 against curves that are known, closed forms, and cases without a choice."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import binomtest, chi2
+
+from pepper_driver.config.errors import ArgumentError
+from pepper_driver.evaluation.touch.n90 import (
+    N90,
+    ForceTouch,
+    n90,
+    poisson_interval,
+    recall_by_force,
+    wilson_interval,
+)
+
+FORCES = (2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0)
+
+
+def drawn(
+    middle: float, slope: float, lapse: float, *, robots: int, each: int, spread: float, seed: int
+) -> list[ForceTouch]:
+    """Touches of robots whose middles are spread by this in ln force."""
+    rng = np.random.default_rng(seed)
+    touches = []
+    for robot in range(robots):
+        own = math.log(middle) + spread * rng.standard_normal()
+        for force in FORCES:
+            share = (1 - lapse) / (1 + math.exp(-(math.log(force) - own) / slope))
+            touches += [
+                ForceTouch(force, bool(rng.random() < share), f"r{robot}") for _ in range(each)
+            ]
+    return touches
+
+
+def expected(robot: str, shares: dict[float, float], of: int) -> list[ForceTouch]:
+    """Touches with just these shares felt."""
+    return [
+        ForceTouch(force, number < round(share * of), robot)
+        for force, share in shares.items()
+        for number in range(of)
+    ]
+
+
+def curve(middle: float, slope: float, lapse: float) -> dict[float, float]:
+    return {f: (1 - lapse) / (1 + (middle / f) ** (1 / slope)) for f in FORCES}
+
+
+@pytest.mark.parametrize("lapse", [0.0, 0.05])
+@pytest.mark.parametrize("slope", [0.2, 0.45])
+@pytest.mark.parametrize("middle", [4.0, 7.0])
+def test_the_curve_behind_many_touches_is_found(middle: float, slope: float, lapse: float) -> None:
+    result = n90(expected("a", curve(middle, slope, lapse), 1000))
+    odds = 0.9 / (0.1 - lapse)
+    assert result.newtons == pytest.approx(middle * odds**slope, rel=0.05)
+    assert (result.slope, result.lapse) == (slope, lapse)
+    assert (result.touches, result.robots) == (7000, 1)
+
+
+@pytest.mark.parametrize(
+    ("shares", "text"),
+    [
+        (curve(20.0, 0.3, 0.0), "> 30"),
+        (dict.fromkeys(FORCES, 0.0), "> 30"),
+        # Stronger touches do not help: one in seven is not felt at any force.
+        (curve(4.0, 0.2, 0.15), "> 30"),
+        (dict.fromkeys(FORCES, 1.0), "< 2"),
+        (curve(0.9, 0.2, 0.0), "< 2"),
+        # Nothing is said of forces that were not tried.
+        (dict.fromkeys((2.0, 3.0, 13.0), 0.0), "> 13"),
+        (dict.fromkeys((5.0, 8.0), 1.0), "< 5"),
+    ],
+)
+def test_what_is_not_reached_and_what_is_always_felt(shares: dict[float, float], text: str) -> None:
+    result = n90([t for robot in "ab" for t in expected(robot, shares, 200)])
+    assert result.text == text
+    if text.startswith("<"):
+        assert result.below
+        assert result.newtons == result.low == result.least == float(text[2:])
+        assert result.worst == result.least
+    else:
+        assert not result.below
+        assert result.newtons == result.high == result.worst == math.inf
+        assert result.worst_text == text
+
+
+def test_of_equal_curves_the_worst_counts() -> None:
+    # Any middle between 2 and 30 N explains this.
+    result = n90([ForceTouch(2.0, False, "a"), ForceTouch(30.0, True, "a")] * 10)
+    assert 14.0 < result.newtons <= 30.0
+    # One touch that is not felt tells nothing of stronger ones.
+    assert n90([ForceTouch(2.0, False, "a")]).newtons == math.inf
+
+
+def test_the_worst_robot() -> None:
+    touches = expected("good", curve(4.0, 0.2, 0.0), 400) + expected(
+        "bad", curve(9.0, 0.2, 0.0), 400
+    )
+    result = n90(touches)
+    assert result.worst_robot == "bad"
+    # Its middle is its own, the slope that of both, which is flatter.
+    assert result.slope > 0.2
+    assert result.worst == pytest.approx(9.0 * 9.0**result.slope, rel=0.12)
+    assert result.worst > result.newtons
+    deaf = n90(touches + expected("deaf", dict.fromkeys(FORCES, 0.0), 400))
+    assert (deaf.worst_robot, deaf.worst) == ("deaf", math.inf)
+
+
+def test_the_interval_is_that_of_robots() -> None:
+    alike = n90([t for r in "abcd" for t in expected(r, curve(5.0, 0.3, 0.02), 50)])
+    assert alike.low == alike.newtons == alike.high
+    unlike = n90(
+        [
+            t
+            for r, m in zip("abcd", (3, 4, 6, 8), strict=True)
+            for t in expected(r, curve(m, 0.2, 0.0), 50)
+        ]
+    )
+    assert unlike.low is not None
+    assert unlike.high is not None
+    assert unlike.low < 0.85 * unlike.newtons
+    assert unlike.high > 1.1 * unlike.newtons
+    one = n90(expected("a", curve(5.0, 0.3, 0.0), 50))
+    assert (one.low, one.high) == (None, None)
+    assert one.text == f"{one.newtons:.1f}"
+
+
+def test_the_interval_covers_the_truth() -> None:
+    truth, covered, runs = 5.0 * 9.0**0.3, 0, 40
+    for seed in range(runs):
+        result = n90(drawn(5.0, 0.3, 0.0, robots=10, each=4, spread=0.2, seed=seed))
+        assert result.low is not None
+        assert result.high is not None
+        covered += result.low <= truth <= result.high
+        assert result.high < 3.0 * result.low
+    # Of 40 intervals of 95 % fewer than 32 hold the truth once in 10^4 times; a bootstrap over ten is a little short.
+    assert covered >= 32
+
+
+def test_order_and_multiplicity_do_not_matter() -> None:
+    touches = drawn(5.0, 0.3, 0.02, robots=5, each=3, spread=0.2, seed=1)
+    result = n90(touches)
+    assert n90(touches[::-1]) == result
+    assert replace(n90(touches * 3), touches=result.touches) == result
+
+
+def test_text() -> None:
+    values = N90(
+        newtons=7.42,
+        low=6.1,
+        high=9.0,
+        worst=12.3,
+        worst_robot="random 7",
+        touches=10,
+        robots=2,
+        lapse=0.0,
+        slope=0.3,
+        least=2.0,
+        most=30.0,
+        below=False,
+    )
+    assert values.text == "7.4 (6.1-9.0)"
+    assert values.worst_text == "12"
+    assert replace(values, newtons=14.6, high=math.inf).text == "15 (6.1 to > 30)"
+    assert replace(values, newtons=math.inf, high=math.inf).text == "> 30"
+    assert replace(values, newtons=2.0, below=True).text == "< 2"
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    answers=st.lists(
+        st.tuples(st.sampled_from(FORCES), st.booleans(), st.sampled_from("ab")),
+        min_size=1,
+        max_size=25,
+    ),
+    place=st.integers(0, 24),
+    slope=st.sampled_from((0.08, 0.3, 1.0)),
+    lapse=st.sampled_from((0.0, 0.05)),
+)
+def test_one_more_felt_never_raises_n90(
+    answers: list[tuple[float, bool, str]], place: int, slope: float, lapse: float
+) -> None:
+    # With the slope given: a weak touch that is felt flattens a free curve, and moves its upper end up.
+    before = [ForceTouch(*answer) for answer in answers]
+    after = list(before)
+    after[place % len(after)] = after[place % len(after)]._replace(felt=True)
+
+    def value(touches: list[ForceTouch]) -> float:
+        return n90(touches, slopes=(slope,), lapses=(lapse,)).newtons
+
+    assert value(after) <= value(before)
+    assert min(FORCES) <= n90(before).newtons
+
+
+def test_bad_input() -> None:
+    with pytest.raises(ArgumentError, match="at least one touch"):
+        n90([])
+    for force in (0.0, -2.0, math.nan, math.inf):
+        with pytest.raises(ArgumentError, match="above 0 N"):
+            n90([ForceTouch(force, True, "a")])
+
+
+def test_recall_by_force() -> None:
+    touches = [ForceTouch(8.0, n < 3, "a") for n in range(4)] + [ForceTouch(2.0, False, "b")]
+    weak, strong = recall_by_force(touches)
+    assert (weak.force, weak.felt, weak.of, weak.share) == (2.0, 0, 1, 0.0)
+    assert (strong.force, strong.felt, strong.of, strong.share) == (8.0, 3, 4, 0.75)
+    assert (strong.low, strong.high) == wilson_interval(3, 4)
+    assert recall_by_force([]) == ()
+
+
+@pytest.mark.parametrize(("count", "of"), [(0, 7), (7, 7), (3, 11), (63, 180)])
+def test_wilson_interval(count: int, of: int) -> None:
+    interval = binomtest(count, of).proportion_ci(0.95, method="wilson")
+    assert wilson_interval(count, of) == pytest.approx((interval.low, interval.high))
+    assert wilson_interval(0, 0) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize(("count", "hours"), [(0, 3.0), (1, 0.5), (9, 0.5)])
+def test_poisson_interval(count: int, hours: float) -> None:
+    low = chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
+    high = chi2.ppf(0.975, 2 * count + 2) / 2
+    assert poisson_interval(count, hours) == pytest.approx((low / hours, high / hours))
+    assert poisson_interval(count, 0.0) == (0.0, math.inf)

@@ -1,0 +1,410 @@
+"""Scores of hand-made takes: each rule of hearing against a timeline that one counts by hand."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from pepper_driver.config import UnknownNameError
+from pepper_driver.evaluation.touch.records import (
+    Heard,
+    Hearing,
+    RobotRecord,
+    Take,
+    TorqueEstimate,
+    Touched,
+)
+from pepper_driver.evaluation.touch.scoring import TakeScore, heard, score_robot, score_take
+from support.evaluation import ROBOT, contact
+
+LIMBS = tuple(ROBOT.limbs)
+SECONDS = 40.0
+SHOULDER, ELBOW, WRIST = "LShoulderRoll", "LElbowRoll", "LWristYaw"
+
+
+def touch(onset: float, release: float, **changes: Any) -> Touched:
+    """A touch on the left arm that turns its shoulder most, its elbow a little less, its wrist hardly."""
+    values: dict[str, Any] = {
+        "row": "n90",
+        "place": "forearm",
+        "limb": "left_arm",
+        "link": "l_forearm",
+        "asked": 8.0,
+        "force": 8.0,
+        "rise": 0.1,
+        "onset": onset,
+        "release": release,
+        "torque": {SHOULDER: -2.0, ELBOW: 1.5, WRIST: 0.2, "LElbowYaw": 0.5},
+        "friction_bound": None,
+        "moving": False,
+    }
+    return Touched(**{**values, **changes})
+
+
+def event(number: int, phase: str, time: float, limb: str = "left_arm", **changes: Any) -> Heard:
+    joint = {"left_arm": SHOULDER, "right_arm": "RShoulderRoll", "head": "HeadYaw"}.get(limb)
+    values = {"kind": "contact", "joint": joint, "direction": -1, **changes}
+    return Heard(id=number, phase=phase, time=time, limb=limb, **values)  # type: ignore[arg-type]
+
+
+def take(touches: Sequence[Touched], events: Sequence[Heard], **hearing: Any) -> Take:
+    return Take(
+        suite="touch" if touches else "free",
+        state="standing",
+        number=3,
+        day=None,
+        seed=7,
+        start=0.0,
+        end=SECONDS,
+        touches=tuple(touches),
+        hearings={"ours": Hearing(events=tuple(events), **hearing)},
+    )
+
+
+def scored(touches: Sequence[Touched], events: Sequence[Heard], **hearing: Any) -> TakeScore:
+    return score_take(take(touches, events, **hearing), "ours", LIMBS)
+
+
+def begins(*times: float, **changes: Any) -> list[Heard]:
+    """Contacts of 50 ms."""
+    return [
+        event(number, phase, time + later, **changes)
+        for number, time in enumerate(times)
+        for phase, later in (("begin", 0.0), ("end", 0.05))
+    ]
+
+
+@pytest.mark.parametrize(
+    ("time", "kind", "limb", "verdict"),
+    [
+        (9.99, "contact", "left_arm", "false"),
+        (10.0, "contact", "left_arm", "right"),
+        (11.29, "collision", "left_arm", "right"),
+        (11.31, "contact", "left_arm", "false"),
+        (10.5, "contact", "right_arm", "false"),
+        (10.5, "contact", "trunk", "false"),
+        (9.99, "rebound", "left_arm", "false"),
+        (10.5, "rebound", "left_arm", "rebound"),
+        (11.79, "rebound", "left_arm", "rebound"),
+        (11.81, "rebound", "left_arm", "false"),
+        (11.5, "rebound", "right_arm", "false"),
+    ],
+)
+def test_an_event_is_right_a_rebound_or_false(
+    time: float, kind: str, limb: str, verdict: str
+) -> None:
+    result = scored([touch(10.0, 11.0)], begins(time, kind=kind, limb=limb))
+    counts = {"right": result.right, "rebound": result.rebounds, "false": result.false_begins}
+    assert counts == {**dict.fromkeys(counts, 0), verdict: 1}
+    # A rebound is never felt, not even while the touch lasts.
+    assert [t.felt for t in result.touches] == [verdict == "right"]
+    assert result.false_moves == 0
+
+
+def test_false_events_keep_what_may_have_caused_them() -> None:
+    touches = [touch(10.0, 11.0), touch(20.0, 30.0, limb="head", torque={})]
+    events = [
+        event(1, "begin", 5.0, "trunk"),
+        event(2, "begin", 11.4),
+        event(3, "begin", 13.49, kind="rebound"),
+        event(4, "begin", 13.51),
+        event(5, "begin", 25.0, "right_arm"),
+        event(6, "begin", 30.2, "right_arm"),
+        event(7, "begin", 12.0, "right_arm"),
+    ]
+    false = {f.time: f for f in scored(touches, events).false}
+    assert list(false) == sorted(e.time for e in events)
+    assert [f.time for f in false.values() if f.after_release] == [11.4, 13.49]
+    assert [f.time for f in false.values() if f.other_touched] == [25.0, 30.2]
+    assert [f.time for f in false.values() if f.rebound] == [13.49]
+    assert (false[5.0].limb, false[5.0].joint) == ("trunk", None)
+    assert false[25.0].joint == "RShoulderRoll"
+
+
+def test_moves_are_judged_where_they_go_and_counted_apart() -> None:
+    events = [
+        event(1, "begin", 10.1, "trunk"),
+        event(1, "update", 10.2),
+        event(1, "update", 10.3, joint=ELBOW),
+        event(1, "update", 10.4, joint=ELBOW, direction=1),
+        event(1, "update", 10.5, joint=ELBOW, direction=1, kind="collision"),
+        event(1, "update", 12.0, "right_arm"),
+        event(1, "end", 13.0, "right_arm"),
+    ]
+    result = scored([touch(10.0, 11.0)], events)
+    assert (result.right, result.false_begins, result.false_moves) == (2, 1, 1)
+    told = result.touches[0]
+    assert told.felt
+    assert told.delay == pytest.approx(0.2)
+    assert told.first_limb is False
+    assert told.end_error == pytest.approx(2.0)
+
+
+def test_a_move_within_the_limb_tells_no_second_touch() -> None:
+    touches = [touch(10.0, 20.0), touch(12.0, 13.0)]
+    events = [event(1, "begin", 10.1), event(1, "update", 12.1, joint=ELBOW)]
+    assert [t.felt for t in scored(touches, events).touches] == [True, False]
+
+
+def test_a_rebound_that_turns_into_a_contact_is_heard_anew() -> None:
+    events = [event(1, "begin", 10.1, kind="rebound"), event(1, "update", 10.4)]
+    result = scored([touch(10.0, 11.0)], events)
+    assert (result.rebounds, result.right) == (1, 1)
+    assert result.touches[0].delay == pytest.approx(0.4)
+    assert scored([], events).false_moves == 1
+
+
+def test_one_begin_tells_one_touch_the_latest_that_is_not_felt() -> None:
+    touches = [touch(10.0, 20.0), touch(12.0, 13.0), touch(12.0, 13.0, limb="head", torque={})]
+    felt = {
+        times: [t.felt for t in scored(touches, begins(*times)).touches[:2]]
+        for times in ((10.5,), (12.5,), (12.5, 12.7), (12.5, 12.7, 12.9), (13.5,))
+    }
+    assert felt == {
+        (10.5,): [True, False],
+        (12.5,): [False, True],
+        (12.5, 12.7): [True, True],
+        (12.5, 12.7, 12.9): [True, True],
+        (13.5,): [True, False],
+    }
+    # Taps in quick succession: one contact over both tells one of them.
+    taps = [touch(10.0, 10.1), touch(10.2, 10.3)]
+    one = [event(1, "begin", 10.05), event(1, "end", 10.6)]
+    assert [t.felt for t in scored(taps, one).touches] == [True, False]
+    assert [t.felt for t in scored(taps, begins(10.05, 10.25)).touches] == [True, True]
+
+
+def test_a_touch_from_before_the_start_is_timed_from_the_first_tick() -> None:
+    standing = touch(-3.0, 2.0, standing_start=True)
+    result = scored([standing], begins(0.4))
+    assert result.touches[0].delay == pytest.approx(0.4)
+    # Three other limbs of four all the time, and this one after the grace.
+    assert result.hours == pytest.approx((4 * SECONDS - 2.3) / 4 / 3600)
+
+
+def test_limb_that_was_told_first() -> None:
+    touches = [touch(10.0, 11.0), touch(20.0, 21.0), touch(30.0, 31.0), touch(35.0, 36.0)]
+    events = [
+        event(1, "begin", 9.9, "trunk"),
+        event(2, "begin", 10.2),
+        event(3, "begin", 10.3, "trunk"),
+        event(4, "begin", 20.1, "trunk", kind="rebound"),
+        event(5, "begin", 20.2, "right_arm"),
+        event(6, "begin", 20.4),
+        event(7, "begin", 30.5, "trunk"),
+        event(8, "begin", 34.0, "trunk"),
+        event(8, "update", 35.2, "right_arm"),
+        event(9, "begin", 35.3, "head", kind="rebound"),
+    ]
+    result = scored(touches, events)
+    assert [t.first_limb for t in result.touches] == [True, False, False, None]
+    assert [t.felt for t in result.touches] == [True, True, False, False]
+    # What tells another touch says nothing of this one.
+    two = [touch(10.0, 11.0), touch(10.0, 11.0, limb="head", torque={})]
+    both = [event(1, "begin", 10.1, "head"), event(2, "begin", 10.2)]
+    assert [t.first_limb for t in scored(two, both).touches] == [True, True]
+
+
+def test_place_and_direction_at_the_alarm_and_later() -> None:
+    events = [
+        event(1, "begin", 10.1, joint=ELBOW, direction=-1),
+        event(1, "update", 10.256, joint=SHOULDER, direction=-1),
+        event(1, "update", 10.27, joint=WRIST, direction=-1),
+    ]
+    told = scored([touch(10.0, 11.0)], events).touches[0]
+    assert told.alarm is not None
+    assert told.later is not None
+    # The elbow has 0.75 of the largest torque, and the other sign.
+    assert (told.alarm.limb, told.alarm.joint, told.alarm.largest_joint) == (True, True, False)
+    assert told.alarm.direction is False
+    assert (told.later.joint, told.later.largest_joint) == (True, True)
+    assert told.later.direction is True
+
+
+@pytest.mark.parametrize(
+    ("joint", "shared", "direction"),
+    [("LElbowYaw", False, True), (WRIST, False, None), ("LShoulderPitch", False, None)],
+)
+def test_joints_with_little_torque(joint: str, shared: bool, direction: bool | None) -> None:
+    events = [event(1, "begin", 10.1, joint=joint, direction=1)]
+    alarm = scored([touch(10.0, 11.0)], events).touches[0].alarm
+    assert alarm is not None
+    assert (alarm.joint, alarm.largest_joint, alarm.direction) == (shared, False, direction)
+
+
+def test_no_joint_without_a_known_torque_or_on_the_trunk() -> None:
+    unknown = scored([touch(10.0, 11.0, torque={})], begins(10.1)).touches[0].alarm
+    trunk = touch(10.0, 11.0, limb="trunk", torque={"HipRoll": 4.0})
+    events = [
+        event(1, "begin", 10.1, "trunk"),
+        event(1, "update", 10.2, "left_arm"),
+        event(1, "end", 11.0, "left_arm"),
+    ]
+    told = scored([trunk], events).touches[0]
+    assert unknown is not None
+    assert told.alarm is not None
+    assert told.later is not None
+    for place in (unknown, told.alarm, told.later):
+        assert (place.joint, place.largest_joint, place.direction) == (None, None, None)
+    assert (unknown.limb, told.alarm.limb, told.later.limb) == (True, True, False)
+
+
+def test_a_contact_that_left_the_limb_names_no_joint_of_it() -> None:
+    events = [event(1, "begin", 10.1), event(1, "update", 10.2, "head")]
+    later = scored([touch(10.0, 11.0)], events).touches[0].later
+    assert later is not None
+    assert (later.limb, later.joint, later.largest_joint, later.direction) == (
+        False,
+        False,
+        False,
+        None,
+    )
+
+
+def test_ends_and_torques() -> None:
+    touches = [touch(10.0, 11.0), touch(20.0, 21.0), touch(30.0, 31.0)]
+    events = [
+        event(1, "begin", 10.1),
+        event(1, "end", 10.8),
+        event(2, "begin", 10.9),
+        event(2, "end", 14.0),
+        event(3, "begin", 20.1),
+    ]
+    pairs = tuple(
+        TorqueEstimate(touch=number, joint=SHOULDER, true=-2.0, estimate=-1.5)
+        for number in range(3)
+    )
+    first, second, third = scored(touches, events, torques=pairs).touches
+    assert first.end_error == pytest.approx(-0.2)
+    assert (first.open, second.open, third.open) == (False, True, False)
+    assert (second.end_error, third.end_error) == (None, None)
+    assert (first.torques, second.torques, third.torques) == (pairs[:1], pairs[1:2], ())
+
+
+def test_hours_are_those_without_a_touch_on_the_limb() -> None:
+    assert scored([], []).hours == pytest.approx(SECONDS / 3600)
+    touches = [
+        touch(10.0, 12.0),
+        touch(11.0, 12.5),
+        touch(11.5, 12.0),
+        touch(12.7, 13.0),
+        touch(10.0, 11.0, limb="head"),
+        touch(38.0, 45.0, limb="trunk"),
+    ]
+    # Left arm 10 to 13.3, head 10 to 11.3, trunk 38 to the end, of four limbs.
+    free = 4 * SECONDS - 3.3 - 1.3 - 2.0
+    assert scored(touches, []).hours == pytest.approx(free / 4 / 3600)
+
+
+@pytest.mark.parametrize(
+    ("events", "seconds"),
+    [
+        ([event(1, "begin", 9.0), event(1, "end", 12.0)], 1.0 + 0.7),
+        ([event(1, "begin", 35.0)], 5.0),
+        ([event(1, "begin", 35.0, kind="rebound"), event(1, "end", 36.0)], 0.0),
+        ([event(1, "begin", 35.0, kind="rebound"), event(1, "update", 36.0)], 4.0),
+        ([event(1, "begin", 10.2), event(2, "begin", 10.2, "head"), event(2, "end", 10.7)], 29.2),
+        (
+            [
+                event(1, "begin", 10.1),
+                event(1, "update", 10.5, "trunk"),
+                event(1, "update", 10.9),
+                event(1, "end", 11.2),
+            ],
+            0.4,
+        ),
+        # An end is dated back, here before an update.
+        (
+            [
+                event(1, "begin", 20.0),
+                event(1, "update", 21.0, joint=ELBOW),
+                event(1, "end", 20.9, joint=ELBOW),
+            ],
+            1.0,
+        ),
+        # A number that begins anew ends the contact that had it.
+        ([event(1, "begin", 20.0), event(1, "begin", 21.0), event(1, "end", 21.5)], 1.5),
+        ([event(1, "update", 20.0), event(1, "end", 21.0)], 0.0),
+    ],
+)
+def test_seconds_in_contacts_where_nothing_touches(events: list[Heard], seconds: float) -> None:
+    assert scored([touch(10.0, 11.0)], events).idle_contact == pytest.approx(seconds)
+
+
+def test_events_without_a_begin_are_left_out() -> None:
+    result = scored([], [event(1, "update", 20.0), event(1, "end", 21.0)])
+    assert (result.right, result.rebounds, result.false) == (0, 0, ())
+
+
+def record(takes: Sequence[Take], failure: str = "") -> RobotRecord:
+    return RobotRecord(
+        robot="random 7",
+        draw=7,
+        law="nominal",
+        identity="abc",
+        failure=failure,
+        takes=tuple(takes),
+    )
+
+
+def test_failures_are_counted() -> None:
+    good = take([touch(10.0, 11.0)], begins(10.1, 20.0))
+    tipped = replace(
+        good,
+        failure="tipped over",
+        touches=(),
+        hearings={},
+        planned=(("n90", "forearm", 30.0), ("n90", "hand", 30.0)),
+    )
+    result = score_robot(record([good, tipped]), "ours", LIMBS)
+    assert (len(result.takes), result.failed_takes, result.failed_touches) == (1, 1, 2)
+    assert (result.takes[0].touches[0].felt, result.takes[0].false_begins) == (True, 1)
+
+    # Its owner has no observer: nothing is felt, and no hours count.
+    unheard = replace(good, hearings={})
+    owner = score_robot(record([unheard, tipped], "no fit"), "ours", LIMBS)
+    broken = scored([touch(10.0, 11.0)], begins(10.1), failure="it stopped")
+    assert (owner.failure, owner.failed_takes) == ("no fit", 1)
+    for score, reason in ((owner.takes[0], "no fit"), (broken, "it stopped")):
+        assert (score.failure, score.hours, score.false) == (reason, 0.0, ())
+        assert [(t.felt, t.first_limb) for t in score.touches] == [(False, None)]
+    with pytest.raises(UnknownNameError, match="observer 'ous'"):
+        score_take(good, "ous", LIMBS)
+    with pytest.raises(UnknownNameError):
+        score_robot(record([unheard]), "ours", LIMBS)
+
+
+def test_callbacks_get_what_is_new() -> None:
+    first = contact(1, 2.0)
+    other = contact(2, 2.5)
+
+    def update(time: float, **changes: Any) -> Any:
+        return replace(first, phase="update", time=time, **changes)
+
+    events = [
+        replace(first, time=2.1, detection_time=2.0),
+        update(2.2, intensity_deg=9.0, torque=3.0),
+        update(2.3, joint="LWristYaw"),
+        other,
+        update(2.4, joint="LWristYaw", torque=1.0),
+        update(2.5, joint="LWristYaw", kind="collision"),
+        update(2.6, joint="LWristYaw", kind="collision", direction=-first.direction),
+        update(2.7, joint="HeadYaw", limb="head", kind="collision", direction=-first.direction),
+        replace(first, phase="end", time=2.65, joint="HeadYaw", limb="head"),
+        replace(other, phase="end", time=2.9),
+    ]
+    result = heard(events)
+    assert [(e.id, e.phase, e.time) for e in result] == [
+        (1, "begin", 2.0),
+        (1, "update", 2.3),
+        (2, "begin", 2.5),
+        (1, "update", 2.5),
+        (1, "update", 2.6),
+        (1, "update", 2.7),
+        (1, "end", 2.65),
+        (2, "end", 2.9),
+    ]
+    told = result[5]
+    assert (told.kind, told.limb, told.joint) == ("collision", "head", "HeadYaw")
+    assert told.direction == -first.direction
