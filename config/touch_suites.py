@@ -106,7 +106,9 @@ class Row:
     Attributes:
         name: As it is called.
         act: Kind of touch.
-        states, places, forces: Each combination is one touch. Without forces, each of ``stiffness`` is one.
+        states: ``all``: each robot makes the touches in each of the states of the suites. Names: each robot makes those
+            of a place in one of these states, the robots in turn.
+        places, forces: Each combination is one touch. Without forces, each of ``stiffness`` is one.
         direction: ``outer``: even over the outer half-space, without those along the axis; ``axis``: along it.
         duration: [s]
         rise: [s]
@@ -172,15 +174,19 @@ class TouchSuites:
         of_rows = (s for row in self.rows if row.states != "all" for s in row.states)
         return tuple(dict.fromkeys((*self.states, *of_rows)))
 
-    def acts(self, state: str) -> tuple[PlannedAct, ...]:
+    def acts(self, state: str, draw: int) -> tuple[PlannedAct, ...]:
         """Return every touch of a robot in a state, in the order of the file."""
-        return tuple(act for row in self.rows for act in self._acts(row, state))
+        return tuple(act for row in self.rows for act in self._acts(row, state, draw))
 
-    def _acts(self, row: Row, state: str) -> Iterator[PlannedAct]:
-        if state not in (self.states if row.states == "all" else row.states):
-            return
+    def _acts(self, row: Row, state: str, draw: int) -> Iterator[PlannedAct]:
         forces = self.forces if row.forces == "all" else row.forces
-        for place in self.places if row.places == "all" else row.places:
+        for number, place in enumerate(self.places if row.places == "all" else row.places):
+            if row.states == "all":
+                if state not in self.states:
+                    return
+            # Draws take the laws of the boards in turn: two robots, one of each law, are in the same state.
+            elif state != row.states[(draw // 2 + number) % len(row.states)]:
+                continue
             if forces:
                 yield from (PlannedAct(row=row, place=place, force=force) for force in forces)
             else:

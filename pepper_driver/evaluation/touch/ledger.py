@@ -39,10 +39,13 @@ _APART = (
     *(f"{name}/*" for name in ("bench", "callbacks", "cli", "doctor", "log", "rendering")),
     *(f"{name}/*" for name in ("replay", "testing", "viewer")),
     *(f"backends/{name}/*" for name in ("naoqi", "naoqi_server")),
+    *(f"evaluation/{name}.py" for name in ("figures", "report", "results")),
+    *(f"evaluation/touch/{name}.py" for name in ("map", "n90", "page", "recall", "summary")),
     "config/evaluation_baselines.yaml",
     "config/observer.yaml",
+    "config/touch_suites.yaml",
 )
-"""Rooms that no figure of the test split depends on, and files that ``constants`` covers."""
+"""Files that no record of the test split depends on, and those that ``constants`` and ``suites`` cover."""
 
 
 class LedgerError(PepperError, ValueError):

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from time import perf_counter_ns
 from typing import Literal
 
 import numpy as np
@@ -314,11 +313,10 @@ class _Wanted:
 class _Listener:
     """Results of one observer, tick by tick."""
 
-    def __init__(self, observer: Observer, ticks: int, joints: int, wanted: _Wanted) -> None:
+    def __init__(self, observer: Observer, joints: int, wanted: _Wanted) -> None:
         self._observer, self._wanted = observer, wanted
         self._contacts: list[Contact] = []
         self._threshold = np.empty((len(wanted.untouched), joints))
-        self._nanoseconds = np.empty(ticks, dtype=np.int64)
         self._sums = np.zeros((len(wanted.joints), 2))
         self._counts = np.zeros(len(wanted.joints), dtype=np.int64)
         self.failure = ""
@@ -340,9 +338,7 @@ class _Listener:
             self.failure = text if known and text else f"{type(error).__name__}: {text}"
 
     def _step(self, row: int, tick: Tick) -> None:
-        before = perf_counter_ns()
         observation = self._observer.step(tick)
-        self._nanoseconds[row] = perf_counter_ns() - before
         now = tick.measurement.time
         # An end carries the time at which the residual fell, and a callback gets it later.
         self._contacts.extend(replace(contact, time=now) for contact in observation.contacts)
@@ -370,7 +366,6 @@ class _Listener:
             events=heard(self._contacts),
             torques=tuple(torques),
             threshold_deg=self._medians(robot),
-            step_us=float(np.median(self._nanoseconds)) * 1e-3,
         )
 
     def _medians(self, robot: RobotConfig) -> dict[str, float]:
@@ -419,7 +414,7 @@ def watch_all(
         )
     wanted = _wanted(recording, touches, robot, true_torque)
     listeners = {
-        name: _Listener(observer, len(recording), len(robot.joint_names), wanted)
+        name: _Listener(observer, len(robot.joint_names), wanted)
         for name, observer in observers.items()
     }
     with _warnings(warn):

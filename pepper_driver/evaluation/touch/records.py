@@ -100,14 +100,12 @@ class Hearing:
         events: In their order.
         torques: Of joints that a touch really turned, where the observer estimates torques.
         threshold_deg: By joint, median threshold while nothing touched the robot [deg].
-        step_us: Median wall time of one tick [us].
         failure: Reason why there is no result; empty if there is one.
     """
 
     events: tuple[Heard, ...] = ()
     torques: tuple[TorqueEstimate, ...] = ()
     threshold_deg: dict[str, float] = field(default_factory=dict)
-    step_us: float = 0.0
     failure: str = ""
 
 

@@ -40,6 +40,9 @@ PART = 4
 EXPERIMENT, CALIBRATION = "identify", "calibration_motion"
 """Motions by which an owner identifies a robot: those of ``pepper identify``."""
 
+QUICK_STRIDE, QUICK_TOUCHES = 9, 5
+"""Of a quick check: each ninth take, with so many touches."""
+
 TREES: tuple[ModelKind, ...] = ("affine", "cart")
 
 Progress = Callable[[str, int, int], None]
@@ -51,12 +54,14 @@ Kept = Callable[[RobotRecord], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Judging:
-    """How robots are judged.
+    """Rules by which robots are judged.
 
     Attributes:
         suites: Frozen.
-        free: Time in which no one touches each robot [s].
+        free: Time in which no one touches each robot [s]; 0 for none.
         observers: Names.
+        quick: True for a tenth of the takes, and of the free time: to try, not to quote.
+        touch: False to leave out the takes with touches.
         folder: For models and takes of robots that are not complete.
         records: For the record of each robot that is.
     """
@@ -66,13 +71,25 @@ class Judging:
     observers: tuple[str, ...]
     folder: Path
     records: Path
+    quick: bool = False
+    touch: bool = True
+
+    def specs(self, draw: int) -> tuple[TakeSpec, ...]:
+        """Return the takes of a robot."""
+        takes = plan_takes(self.suites, draw, self.free)
+        if self.quick:
+            takes = tuple(
+                replace(take, acts=take.acts[:QUICK_TOUCHES], seconds=take.seconds / 10.0)
+                for take in takes[::QUICK_STRIDE]
+            )
+        return tuple(take for take in takes if take.suite == "free" or self.touch)
 
     def key(self) -> str:
         """Hash of all that records depend on beside the robot."""
         return content_hash(
             [
                 self.suites.frozen,
-                self.free,
+                [self.free, self.quick, self.touch],
                 self.observers,
                 code_hash(),
                 constants_hash(),
@@ -97,7 +114,7 @@ def judge(
             :func:`pepper_driver.config.population.allow_test_draws`.
         workers: Processes, -1 for one per core; or a cluster, whose workers share the folders.
         progress: Called as jobs end.
-        kept: Called as robots are complete.
+        kept: Called as robots are complete, also with those of an earlier call.
 
     Returns:
         The records, in the order of ``draws``. A robot that could not be identified has its touches, and its failure.
@@ -115,6 +132,8 @@ def judge(
         for draw in draws:
             if (record := _kept_record(judging, draw, key)) is not None:
                 done[draw] = record
+                if kept is not None:
+                    kept(record)
         left = [draw for draw in draws if draw not in done]
         for start in range(0, len(left), PART):
             part = left[start : start + PART]
@@ -149,7 +168,7 @@ def _judge_part(
 ) -> Iterator[RobotRecord]:
     """Identify robots, perform their takes, and yield their records."""
     robot = load_robot()
-    specs = {draw: plan_takes(judging.suites, draw, judging.free) for draw in draws}
+    specs = {draw: judging.specs(draw) for draw in draws}
     total = len(draws) + sum(map(len, specs.values()))
     count = 0
 

@@ -10,8 +10,9 @@ import numpy as np
 from pepper_driver.backends.fields import Measurement
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.controller import Tick
 from pepper_driver.controller.tasks import PositionTask
-from pepper_driver.observer import Observation
+from pepper_driver.observer import JointState, Observation, Observer
 from pepper_driver.reflexes import Comply, Reflex, ReflexRequests, StopBase
 from pepper_driver.robot import Pepper
 
@@ -56,12 +57,14 @@ class State:
         lead: Time of its own before the first touch [s].
         world: Of the simulation.
         speed: Of the changes of the posture: stiffness of the posture task [1/s2].
+        reacts: True if its reflexes answer to what the robot's own observer detects.
     """
 
     period = math.inf
     lead = 0.0
     world = "empty"
     speed: float | None = None
+    reacts = False
 
     def __init__(self, robot: RobotConfig, generator: np.random.Generator) -> None:
         self.robot, self.generator = robot, generator
@@ -217,9 +220,38 @@ class Driving(State):
 class WithReflexes(State):
     """It stands; the joints of a touched arm comply, and the base stops."""
 
+    reacts = True
+
     def reflexes(self) -> Sequence[Reflex]:
         """Return the reflexes."""
         return (Comply(limb=("left_arm", "right_arm")), StopBase())
+
+
+class Deaf(Observer):
+    """Observer that detects nothing: reflexes are asked only where there is one."""
+
+    def __init__(self, joints: int) -> None:
+        unknown = np.full(joints, np.nan)
+        self._nothing = Observation(
+            contacts=(),
+            expected=unknown,
+            residual=unknown,
+            threshold=unknown,
+            torque=unknown,
+            torque_std=unknown,
+            state=np.full(joints, JointState.BLIND, dtype=np.int8),
+        )
+
+    def step(self, tick: Tick) -> Observation:
+        """Detect nothing."""
+        return self._nothing
+
+    def reset(self) -> None:
+        """Do nothing."""
+
+    def describe(self) -> str:
+        """Return one line."""
+        return "detects nothing"
 
 
 class _LowerStiffness(Reflex):

@@ -21,10 +21,10 @@ from pepper_driver.controller import Tick
 from pepper_driver.evaluation.episodes import REDRAWN, REDRAWS, TIPPED
 from pepper_driver.evaluation.touch.people import MadeTouch, Person
 from pepper_driver.evaluation.touch.records import Take, Touched
-from pepper_driver.evaluation.touch.states import STATES, State
+from pepper_driver.evaluation.touch.states import STATES, Deaf, State
 from pepper_driver.identification.quality import AT_REST
 from pepper_driver.log.touches import PUSHED, touches
-from pepper_driver.observer import Observation, Recording, RecordingBuilder
+from pepper_driver.observer import Observation, Observer, Recording, RecordingBuilder
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError
 
@@ -101,13 +101,13 @@ def plan_takes(suites: TouchSuites, draw: int, free: float) -> tuple[TakeSpec, .
     Args:
         suites: Frozen.
         draw: The robot.
-        free: Time in which no one touches it [s].
+        free: Time in which no one touches it [s]; 0 for none.
     """
     takes: list[TakeSpec] = []
     for state in suites.all_states:
         for number, acts in enumerate(_dealt(suites, draw, state)):
             takes.append(_spec(suites, "touch", draw, state, number, acts=acts))
-    halves = (suites.free.standing, suites.free.moving)
+    halves = (suites.free.standing, suites.free.moving) if free > 0.0 else ()
     for states in halves:
         for state in states:
             # Two takes of each state: one for each day.
@@ -120,7 +120,7 @@ def plan_takes(suites: TouchSuites, draw: int, free: float) -> tuple[TakeSpec, .
 
 def _dealt(suites: TouchSuites, draw: int, state: str) -> list[tuple[PlannedAct, ...]]:
     """Return the touches of each take of a state."""
-    acts = suites.acts(state)
+    acts = suites.acts(state, draw)
     first = [act for act in acts if act.row.act == "before"]
     others = [act for act in acts if act.row.act != "before"]
     generator = np.random.default_rng((suites.root, draw, crc32(state.encode())))
@@ -226,15 +226,19 @@ class _Stage:
         motion, touch = np.random.SeedSequence(spec.seed).spawn(2)
         self._state = STATES[spec.state](self._robot, np.random.default_rng(motion))
         self._draw = np.random.default_rng(touch)
-        reflexes = self._state.reflexes() if models is not None else ()
+        reflexes = self._state.reflexes()
+        own = models if self._state.reacts else None
+        observer: Observer | str | None = None
+        if reflexes:
+            observer = "fusion" if own is not None else Deaf(len(self._robot.joint_names))
         # Pushes on the chest press its button, and strong ones turn a wrist far: neither must end the take.
         safety = replace(
             load_safety_settings(), chest_button=False, following_error=LARGEST_FOLLOWING_ERROR
         )
         self._pepper = Pepper(
             spec.uri,
-            observer="fusion" if reflexes else None,
-            models=models if reflexes else None,
+            observer=observer,
+            models=own,
             reflexes=reflexes,
             robot=self._robot,
             safety=safety,

@@ -1,0 +1,107 @@
+"""Logs as the judge sees them: touches that were labelled on a robot, or that really acted in a simulation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from pepper_driver.config import RobotConfig, load_robot
+from pepper_driver.config.touch_suites import TouchSuites, load_touch_suites
+from pepper_driver.evaluation.episodes import Episode
+from pepper_driver.evaluation.touch.observers import watch_all
+from pepper_driver.evaluation.touch.records import RobotRecord, Take, Touched
+from pepper_driver.observer import KnownPush, Observer
+
+LOG = "log"
+"""Row and state of what is in a log."""
+
+ELSEWHERE = "elsewhere"
+"""Place of a touch on a link on which the suites have none."""
+
+
+def record_of_log(
+    episode: Episode, path: Path, observers: Mapping[str, Callable[[], Observer]]
+) -> RobotRecord:
+    """Return the record of a log, with what each observer reports of it.
+
+    Args:
+        episode: The log, as :func:`pepper_driver.evaluation.evaluate.episode_of_log` reads it.
+        path: Its file, for the name.
+        observers: Functions that make them, by name.
+
+    Raises:
+        PepperError: An observer cannot be made, or the log is of another robot.
+    """
+    robot = load_robot()
+    recording, suites = episode.recording, load_touch_suites(robot)
+    touches = tuple(
+        _touched(push, episode, robot, suites) for push in sorted(episode.pushes, key=_onset)
+    )
+    known = bool(np.isfinite(episode.contact_torque).all())
+    heard = watch_all(
+        {name: make() for name, make in observers.items()},
+        recording,
+        touches,
+        robot,
+        true_torque=episode.contact_torque if known else None,
+        warn=True,
+    )
+    take = Take(
+        suite="touch" if touches else "free",
+        state=LOG,
+        number=0,
+        day=None,
+        seed=episode.seed,
+        start=float(recording.time[0]),
+        end=float(recording.time[-1]),
+        touches=touches,
+        hearings=heard,
+    )
+    return RobotRecord(
+        robot=path.name, draw=None, law=None, identity=episode.identity, takes=(take,)
+    )
+
+
+def _onset(push: KnownPush) -> float:
+    return push.onset
+
+
+def _touched(
+    push: KnownPush, episode: Episode, robot: RobotConfig, suites: TouchSuites
+) -> Touched:
+    """Return a touch; nothing is known of its rise, and of its force only what the label or the simulation says."""
+    time, limb = episode.recording.time, robot.limb_of_link(push.link)
+    joints = [robot.joint_index(name) for name in robot.limbs[limb]]
+    during = episode.contact_torque[(time >= push.onset) & (time <= push.release + robot.cycle)]
+    torque: dict[str, float] = {}
+    if len(during) and np.isfinite(during[:, joints]).all():
+        peak = during[np.abs(during).argmax(axis=0), np.arange(during.shape[1])]
+        torque = {robot.joint_names[i]: float(peak[i]) for i in joints}
+    return Touched(
+        row=LOG,
+        place=place_of(push.link, suites),
+        limb=limb,
+        link=push.link,
+        asked=None,
+        force=push.force if math.isfinite(push.force) else None,
+        rise=None,
+        onset=push.onset,
+        release=push.release,
+        torque=torque,
+        friction_bound=None,
+        moving=push.moving,
+        standing_start=push.onset < time[0],
+    )
+
+
+def place_of(link: str, suites: TouchSuites) -> str:
+    """Return the place of the suites that a link has the most points of; ELSEWHERE where it has none."""
+    counts = {
+        name: sum(link in (point.link, point.mirrored.link) for point in place.points)
+        for name, place in suites.places.items()
+    }
+    best = max(counts, key=counts.__getitem__)
+    return best if counts[best] else ELSEWHERE
