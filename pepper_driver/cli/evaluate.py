@@ -22,11 +22,18 @@ from pepper_driver.cli.console import (
     make_progress,
     save_json,
 )
+from pepper_driver.cli.evaluate_split import (
+    DEFAULT_FOLDER,
+    SplitOptions,
+    judge_split,
+    print_summary,
+)
 from pepper_driver.config import ConfigError, load_robot
 from pepper_driver.config.cluster import Cluster
 from pepper_driver.config.evaluation import load_evaluation
 from pepper_driver.config.file_lock import lock_file, lock_folder
 from pepper_driver.config.files import check_same, file_hash, make_folder
+from pepper_driver.config.touch_suites import Split
 from pepper_driver.evaluation.episodes import DEFAULT_CACHE
 from pepper_driver.evaluation.evaluate import QUICK, evaluate, log_jobs, suite_jobs
 from pepper_driver.evaluation.metrics import RECALL_BINS, Metrics
@@ -82,6 +89,33 @@ def evaluate_command(
     quick: Annotated[
         bool, typer.Option("--quick", help="Few and short runs: to try, not to quote.")
     ] = False,
+    split: Annotated[
+        Split | None,
+        typer.Option(
+            help="Judge robots of a population that people touch: those for development, as often as you like; those"
+            " for tests, from a clean commit, each look a line in docs/results/ledger.csv. Suites: touch, free."
+        ),
+    ] = None,
+    draws: Annotated[
+        str | None,
+        typer.Option(metavar="N-M", help="Robots of the development split, such as 0-7."),
+    ] = None,
+    note: Annotated[
+        str, typer.Option(help="Reason for a look at the test split, for the ledger.")
+    ] = "",
+    give_up: Annotated[
+        bool,
+        typer.Option(
+            "--give-up", help="Begin a new look, and never finish the last one: its draws are lost."
+        ),
+    ] = False,
+    folder: Annotated[
+        Path,
+        typer.Option(
+            metavar="DIR",
+            help="Keep models and takes of a split here, and take those that are here.",
+        ),
+    ] = DEFAULT_FOLDER,
     log: Annotated[
         list[Path] | None,
         typer.Option(
@@ -98,6 +132,37 @@ def evaluate_command(
     logs = [*(log or []), *(more_logs or [])]
     if more_logs and not log:
         raise ConfigError(f"{more_logs[0]}: recordings come after --log")
+    of_split = {
+        "--draws": draws,
+        "--note": note or None,
+        "--give-up": give_up or None,
+    }
+    for name, value in of_split.items():
+        if split is None and value is not None:
+            raise ConfigError(f"{name} belongs to --split")
+    if split is not None:
+        if logs or models:
+            given = "--log" if logs else "--models"
+            raise ConfigError(
+                f"{given} and --split exclude each other: a split identifies its robots"
+            )
+        return _evaluate_split(
+            console,
+            SplitOptions(
+                split=split,
+                draws=draws,
+                parts=None if suite is None else _names(suite),
+                observers=None if mode is None else _names(mode),
+                quick=quick,
+                note=note,
+                give_up=give_up,
+                folder=folder,
+            ),
+            workers=workers,
+            cluster=cluster,
+            json_file=json_file,
+            report=report,
+        )
     robot = load_robot()
     frozen = None if logs else load_evaluation(robot)
     if bool(logs) == (suite is not None):
@@ -107,11 +172,7 @@ def evaluate_command(
         read_log(path)
     check_outputs(json_file)
     if report is not None:
-        if report.suffix != ".md":
-            raise ConfigError(f"{report}: a report is Markdown and ends in .md")
-        check_plotting("the pictures of a report")
-        make_folder(report.parent)
-        check_outputs(report)
+        _check_report(report)
     chosen = contestants(None if mode is None else _names(mode), models or [], robot)
     if frozen is None:
         jobs = log_jobs(logs)
@@ -146,6 +207,35 @@ def evaluate_command(
             write_report(result, report, robot, command)
             console.print(f"report: {report}")
         return 1 if result.failures else 0
+
+
+def _evaluate_split(
+    console: Console,
+    options: SplitOptions,
+    *,
+    workers: int | None,
+    cluster: str | None,
+    json_file: Path | None,
+    report: Path | None,
+) -> int:
+    """Judge the robots of a split; print, save and write what was asked for."""
+    check_outputs(json_file)
+    if report is not None:
+        _check_report(report)
+    with chosen_workers(workers, cluster, console) as pool:
+        judged = judge_split(options, pool, console)
+    print_summary(console, judged.summary, judged.observers)
+    save_json(json_file, judged.summary.as_json(), console)
+    return 1 if judged.failed else 0
+
+
+def _check_report(report: Path) -> None:
+    """See that a page can be written, before the work is done rather than after."""
+    if report.suffix != ".md":
+        raise ConfigError(f"{report}: a report is Markdown and ends in .md")
+    check_plotting("the pictures of a report")
+    make_folder(report.parent)
+    check_outputs(report)
 
 
 def _check_files(cluster: Cluster, cache: Path | None, files: Sequence[Path]) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -84,6 +85,9 @@ OBSERVERS = (FUSION, *BASELINES, *ABLATIONS)
 DEFAULT = (FUSION, *(name for name in BASELINES if name != ORACLE))
 """Observers of each take. The oracle costs a simulation of it; ablations are for the development suites."""
 
+DEVELOPMENT = (FUSION, "momentum", f"momentum{MATCHED}", "paper-affine", f"paper-affine{MATCHED}")
+"""Observers of a development split, which is judged more often."""
+
 # -- making -----------------------------------------------------------------------------------------------------------
 
 
@@ -113,7 +117,7 @@ def make(
     """Make an observer of this robot.
 
     Args:
-        name: One of OBSERVERS.
+        name: One of OBSERVERS; a static baseline also as ``NAME@FACTOR``, its threshold times any factor.
         robot: Its description.
         models: Files of its own models.
         baselines: Factors of the baselines ``@matched``; None for the shipped ones.
@@ -127,7 +131,9 @@ def make(
         HeldOutDrawError: The oracle's robot is a draw for tests, and these are not allowed here.
         ConfigError: The factors or settings are wrong.
     """
-    check_name("observer", name, OBSERVERS)
+    factor = _own_factor(name)
+    if factor is None:
+        check_name("observer", name, OBSERVERS)
     settings = load_observer_settings()
     if name == ORACLE:
         if recording is None or uri is None:
@@ -135,15 +141,39 @@ def make(
         untouched = with_query(uri, world=None, window=None)
         return OracleObserver(robot, untouched_error(recording, untouched, robot))
     fusion = _load(models.fusion, "fusion", robot)
-    baseline = name.removesuffix(MATCHED)
+    baseline = name.partition("@")[0]
     if baseline in STATIC_BASELINES:
-        factor = 1.0
-        if baseline != name:
-            factor = (baselines or load_evaluation_baselines()).factors[baseline]
+        if factor is None:
+            factor = 1.0
+            if baseline != name:
+                factor = (baselines or load_evaluation_baselines()).factors[baseline]
         return _static(baseline, factor, robot, models, fusion, settings)
     if name == MOMENTUM_ADAPTIVE:
         return ContactObserver(robot, _changed(fusion, _momentum_at_its_bound), settings)
     return _fusion(name, robot, fusion, settings)
+
+
+def check_observers(names: Iterable[str]) -> None:
+    """Refuse names that are no observers.
+
+    Raises:
+        UnknownNameError: No observer of this name.
+    """
+    for name in names:
+        if _own_factor(name) is None:
+            check_name("observer", name, OBSERVERS)
+
+
+def _own_factor(name: str) -> float | None:
+    """Return the factor of ``NAME@FACTOR``, None of other names."""
+    baseline, at, text = name.partition("@")
+    if not at or baseline not in STATIC_BASELINES:
+        return None
+    try:
+        factor = float(text)
+    except ValueError:
+        return None
+    return factor if 0.0 < factor < math.inf else None
 
 
 def _load(path: Path, kind: str, robot: RobotConfig) -> ModelSet:

@@ -1,0 +1,233 @@
+"""``pepper evaluate --split``: robots of a population that people touch, judged as a user hears them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from pepper_driver.cli.console import make_progress
+from pepper_driver.config import ConfigError, load_robot
+from pepper_driver.config.population import parse_draws
+from pepper_driver.config.touch_suites import Split, TouchSuites, load_touch_suites
+from pepper_driver.config.workers import Workers
+from pepper_driver.evaluation.touch.ledger import Look
+from pepper_driver.evaluation.touch.look import repository, take_look
+from pepper_driver.evaluation.touch.observers import DEFAULT, DEVELOPMENT, check_observers
+from pepper_driver.evaluation.touch.records import RobotRecord
+from pepper_driver.evaluation.touch.split import Judging, judge
+from pepper_driver.evaluation.touch.summary import summarise_touch
+from pepper_driver.evaluation.touch.summary_data import (
+    ALL,
+    GROUPS,
+    Cell,
+    FalseContacts,
+    ObserverSummary,
+    TouchSummary,
+)
+
+DEFAULT_FOLDER = Path("runs/evaluation/touch")
+
+PARTS = ("touch", "free")
+"""Of a split: takes with touches, and those without."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SplitOptions:
+    """Options of the command; None for the usual."""
+
+    split: Split
+    draws: str | None = None
+    parts: tuple[str, ...] | None = None
+    observers: tuple[str, ...] | None = None
+    quick: bool = False
+    note: str = ""
+    give_up: bool = False
+    folder: Path = DEFAULT_FOLDER
+
+
+@dataclass(frozen=True, kw_only=True)
+class JudgedSplit:
+    """Robots of a split, and the figures of all observers.
+
+    Attributes:
+        options: As they were given.
+        suites: By which they were judged.
+        look: Line of the ledger; None of a development split.
+        records: The robots.
+        observers: Names.
+        summary: The figures.
+    """
+
+    options: SplitOptions
+    suites: TouchSuites
+    look: Look | None
+    records: tuple[RobotRecord, ...]
+    observers: tuple[str, ...]
+    summary: TouchSummary
+
+    @property
+    def failed(self) -> bool:
+        """True if a robot, a take or an observer gave no result."""
+        return any(robot.failure or robot.failed_takes for robot in self.summary.robots) or any(
+            observer.failures for observer in self.summary.observers
+        )
+
+
+def judge_split(options: SplitOptions, workers: Workers, console: Console) -> JudgedSplit:
+    """Judge the robots of a split, and print what is done.
+
+    Raises:
+        PepperError: An option is wrong, or the split cannot be judged.
+    """
+    robot = load_robot()
+    suites = load_touch_suites(robot)
+    spec = suites.splits[options.split]
+    parts = options.parts or PARTS
+    if unknown := [name for name in parts if name not in PARTS]:
+        raise ConfigError(f"a split has the suites {' and '.join(PARTS)}, not '{unknown[0]}'")
+    names = options.observers or (DEFAULT if options.split == "test" else DEVELOPMENT)
+    check_observers(names)
+    judging = Judging(
+        suites=suites,
+        free=spec.free if "free" in parts else 0.0,
+        observers=names,
+        folder=options.folder,
+        records=options.folder / options.split,
+        quick=options.quick,
+        touch="touch" in parts,
+    )
+    look: Look | None = None
+    with make_progress(console, count=True) as progress:
+        bar = progress.add_task("judging", total=None)
+
+        def show(what: str, done: int, total: int) -> None:
+            progress.update(bar, completed=done, total=total, description=f"judging ({what})")
+
+        if options.split == "test":
+            _refuse_choices(options)
+            look, records = take_look(
+                judging,
+                root=repository(),
+                note=options.note,
+                give_up=options.give_up,
+                workers=workers,
+                begun=lambda look: console.print(
+                    f"look {look.look} at the draws {look.draws}, from commit {look.commit[:12]}; its line is in the "
+                    "ledger"
+                ),
+                progress=show,
+            )
+        else:
+            draws = range(spec.first, spec.first + spec.robots)
+            numbers = tuple(draws) if options.draws is None else parse_draws(options.draws)
+            records = judge(judging, numbers, workers=workers, progress=show)
+    return JudgedSplit(
+        options=options,
+        suites=suites,
+        look=look,
+        records=records,
+        observers=names,
+        summary=summarise_touch(records, names, robot, suites=suites),
+    )
+
+
+def _refuse_choices(options: SplitOptions) -> None:
+    """Refuse what would make a look at the test split another than the looks before."""
+    given = {
+        "--draws": options.draws,
+        "--suite": options.parts,
+        "--observer": options.observers,
+        "--quick": options.quick or None,
+    }
+    for name, value in given.items():
+        if value is not None:
+            raise ConfigError(
+                f"the test split is judged whole: leave out {name}; it is for the development split"
+            )
+
+
+def print_summary(console: Console, summary: TouchSummary, observers: Sequence[str]) -> None:
+    """Print N90 of the first observer, the false contacts of all, and what failed."""
+    ours = summary.observer(observers[0])
+    if ours is not None:
+        _print_n90(console, summary, ours)
+    table = Table(title="as a user hears it", title_justify="left")
+    header = ("observer", "felt", "false contacts", "hours", "an hour, 95 %", "s in none, an hour")
+    for number, name in enumerate((*header, "limb right", "joint, 150 ms", "direction")):
+        table.add_column(name, justify="right" if number else "left")
+    for name in observers:
+        one = summary.observer(name)
+        if one is None:
+            continue
+        false = one.false_contacts()
+        located = next((part for part in one.located if part.law == ALL), None)
+        felt = one.felt()
+        table.add_row(
+            name,
+            f"{felt.count} of {felt.of}",
+            *_false_cells(false),
+            *(
+                _share(part.share if part else None)
+                for part in (
+                    located and located.first_limb,
+                    located and located.joint_later,
+                    located and located.direction,
+                )
+            ),
+        )
+    console.print(table)
+    for robot in summary.robots:
+        if robot.failure:
+            console.print(
+                f"failed: {robot.robot}: not identified, its touches count as not felt: {robot.failure}"
+            )
+        for take, reason in robot.failed_takes.items():
+            console.print(f"failed: {robot.robot}, {take}: {reason}")
+    for name in observers:
+        for reason, count in _failures(summary, name):
+            console.print(f"failed: {name}, {count} takes: {reason}")
+
+
+def _failures(summary: TouchSummary, name: str) -> Iterable[tuple[str, int]]:
+    one = next((o for o in summary.observers if o.name == name), None)
+    return () if one is None else one.failures.items()
+
+
+def _print_n90(console: Console, summary: TouchSummary, ours: ObserverSummary) -> None:
+    for law in summary.laws:
+        table = Table(
+            title=f"N90 of {ours.name}, boards as of '{law}': force of a touch of 1 s that is felt 9 times in 10, N",
+            title_justify="left",
+        )
+        groups = [group for group in GROUPS if any(c.state == group for c in ours.groups)]
+        for number, name in enumerate(("place", *groups)):
+            table.add_column(name, justify="right" if number else "left")
+        for place in summary.places:
+            cells = [ours.group(law, place, group) for group in groups]
+            if any(cell is not None for cell in cells):
+                table.add_row(place, *map(_n90, cells))
+        if table.row_count:
+            console.print(table)
+
+
+def _n90(cell: Cell | None) -> str:
+    return "-" if cell is None or cell.n90 is None else cell.n90.text
+
+
+def _false_cells(false: FalseContacts | None) -> tuple[str, str, str, str]:
+    if false is None:
+        return ("-",) * 4
+    rate = false.rate
+    per_hour = (
+        "-" if rate.per_hour is None else f"{rate.per_hour:.1f} ({rate.low:.1f}-{rate.high:.1f})"
+    )
+    seconds = "-" if false.seconds_per_hour is None else f"{false.seconds_per_hour:.1f}"
+    return f"{false.begins} + {false.moves} moves", f"{false.hours:.2f}", per_hour, seconds
+
+
+def _share(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"

@@ -1,0 +1,205 @@
+"""Pictures of the share of touches that are felt, over their force; and all pictures of a summary. Needs ``plot``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pepper_driver.config import RobotConfig
+from pepper_driver.evaluation.metrics import CONFIDENCE
+from pepper_driver.evaluation.touch.map import LAWS, TICKS, n90_figure
+from pepper_driver.evaluation.touch.n90 import SHARE
+from pepper_driver.evaluation.touch.observers import ABLATIONS, FUSION
+from pepper_driver.evaluation.touch.summary_data import (
+    GROUPS,
+    Cell,
+    ForceShare,
+    ObserverSummary,
+    TouchSummary,
+)
+from pepper_driver.figure_style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PINK,
+    SKY,
+    TITLE_SIZE,
+    VERMILION,
+    VIOLET,
+    add_legend,
+    dress,
+    new_figure,
+    save_figure,
+    styled,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Lines = Mapping[str, Sequence[ForceShare]]
+"""By label, shares from the smallest force up."""
+
+COLUMNS = 4
+"""Panels of a row."""
+
+APART = 1.03
+"""Factor in force from the bars of one line to those of the next: they must not hide each other."""
+
+OBSERVERS_AT = ("hand", "forearm", "upper arm", "head")
+OBSERVERS_IN = ("standing", "in motion")
+"""Places and groups of states in the picture that compares observers."""
+
+_STYLES = (
+    (BLUE, "o", "-"),
+    (ORANGE, "s", "--"),
+    (GREEN, "^", "-."),
+    (VERMILION, "v", ":"),
+    (SKY, "D", "-"),
+    (PINK, "P", "--"),
+    (VIOLET, "X", "-."),
+    (GREY, "<", ":"),
+    (BLACK, ">", "-"),
+    (ORANGE, "*", "-"),
+)
+"""Colour, marker and dashes of each line."""
+
+
+@styled
+def recall_figure(panels: Mapping[str, Lines], title: str) -> Figure:
+    """Draw one panel for each entry, with the share felt over the force that acted, and whiskers (Wilson).
+
+    Args:
+        panels: By title. A label has the same colour in each of them.
+        title: Of the picture.
+    """
+    labels = list(dict.fromkeys(label for lines in panels.values() for label in lines))
+    columns = max(min(COLUMNS, len(panels)), 1)
+    rows = max(-(-len(panels) // columns), 1)
+    figure = new_figure(max(3.3 * columns, 8.0), 3.0 * rows + 1.5)
+    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    for number, axes in enumerate(grid.ravel()):
+        if number >= len(panels):
+            axes.set_axis_off()
+            continue
+        name, lines = list(panels.items())[number]
+        _draw(axes, lines, labels)
+        axes.set_title(name)
+        if number % columns == 0:
+            axes.set_ylabel("share felt")
+        if number + columns >= len(panels):
+            axes.set_xlabel("force that acted [N]")
+            axes.tick_params(labelbottom=True)
+    figure.suptitle(
+        f"{title}\nwhiskers: {CONFIDENCE:.0%} interval; dashed: the share of N90",
+        fontsize=TITLE_SIZE,
+    )
+    if labels:
+        add_legend(figure)
+    return figure
+
+
+def _draw(axes: Axes, lines: Lines, labels: Sequence[str]) -> None:
+    axes.set_xscale("log")
+    axes.set_xlim(TICKS[0] / 1.25, TICKS[-1] * 1.25)
+    axes.set_ylim(-0.03, 1.05)
+    axes.axhline(SHARE, color=GREY, linestyle=(0, (4, 3)), linewidth=1.0)
+    for label, shares in lines.items():
+        number = labels.index(label)
+        colour, marker, dashes = _STYLES[number % len(_STYLES)]
+        known = sorted(
+            (one for one in shares if one.felt.share is not None), key=lambda one: one.acted
+        )
+        shift = APART ** (number - (len(labels) - 1) / 2.0)
+        share = np.array([one.felt.share for one in known], dtype=np.float64)
+        ends = np.array([(one.felt.low, one.felt.high) for one in known]).reshape(-1, 2)
+        axes.errorbar(
+            [one.acted * shift for one in known],
+            share,
+            yerr=np.abs(ends.T - share),
+            color=colour,
+            marker=marker,
+            markersize=5.0,
+            linestyle=dashes,
+            linewidth=1.6,
+            elinewidth=0.9,
+            capsize=2.0,
+            label=label,
+        )
+    axes.set_xticks(TICKS, [f"{tick:g}" for tick in TICKS])
+    axes.minorticks_off()
+    dress(axes)
+
+
+def recall_by_group(observer: ObserverSummary, law: str, places: Sequence[str]) -> dict[str, Lines]:
+    """Return a panel for each place that was touched, with a line for each group of states."""
+    panels = {place: _lines({g: observer.group(law, place, g) for g in GROUPS}) for place in places}
+    return {place: lines for place, lines in panels.items() if lines}
+
+
+def recall_by_observer(observers: Sequence[ObserverSummary], law: str) -> dict[str, Lines]:
+    """Return a panel for each of OBSERVERS_AT and OBSERVERS_IN, with a line for each observer."""
+    panels = {
+        f"{place}, {group}": _lines({o.name: o.group(law, place, group) for o in observers})
+        for group in OBSERVERS_IN
+        for place in OBSERVERS_AT
+    }
+    return {name: lines for name, lines in panels.items() if lines}
+
+
+def _lines(cells: Mapping[str, Cell | None]) -> Lines:
+    return {name: cell.forces for name, cell in cells.items() if cell is not None and cell.forces}
+
+
+def write_touch_pictures(
+    summary: TouchSummary, folder: Path, robot: RobotConfig, *, ours: str = FUSION
+) -> dict[str, str]:
+    """Draw what the summary has data for.
+
+    Args:
+        summary: All figures.
+        folder: For the files; made when there is something to draw. Pictures of an earlier run are removed.
+        robot: Its description.
+        ours: Name of the project's own observer.
+
+    Returns:
+        By name of a file, what it shows.
+
+    Raises:
+        PlotError: A file cannot be written.
+    """
+    drawn: dict[str, tuple[Figure, str]] = {}
+    observer = summary.observer(ours)
+    if observer is not None and observer.groups:
+        drawn["touch_map.png"] = (
+            n90_figure(observer, summary.laws, robot),
+            "N90 by place: the force of which nine touches of 1 s in ten are felt. Hatched: not reached.",
+        )
+        for law in summary.laws:
+            if panels := recall_by_group(observer, law, summary.places):
+                title = f"Touches of 1 s that are felt, in simulation: {_law(law)}"
+                drawn[f"touch_recall_{law}.png"] = (
+                    recall_figure(panels, title),
+                    f"Share of touches that are felt, by force and place: {_law(law)}. Intervals: Wilson.",
+                )
+            others = [o for o in summary.observers if o.robots and o.name not in ABLATIONS]
+            if len(others) > 1 and (panels := recall_by_observer(others, law)):
+                title = f"Touches of 1 s that are felt by each observer, in simulation: {_law(law)}"
+                drawn[f"touch_recall_observers_{law}.png"] = (
+                    recall_figure(panels, title),
+                    f"The same for each observer: {_law(law)}.",
+                )
+    for old in folder.glob("touch_*.png"):
+        old.unlink()
+    for name, (figure, _) in drawn.items():
+        save_figure(figure, folder / name, colours=None if name == "touch_map.png" else 96)
+    return {name: caption for name, (_, caption) in drawn.items()}
+
+
+def _law(law: str) -> str:
+    return LAWS.get(law, f"law {law}").replace("\n", " ")
