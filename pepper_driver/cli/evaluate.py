@@ -28,18 +28,26 @@ from pepper_driver.cli.evaluate_split import (
     judge_split,
     print_summary,
 )
-from pepper_driver.config import ConfigError, load_robot
+from pepper_driver.config import ConfigError, RobotConfig, load_robot
 from pepper_driver.config.cluster import Cluster
 from pepper_driver.config.evaluation import load_evaluation
 from pepper_driver.config.file_lock import lock_file, lock_folder
 from pepper_driver.config.files import check_same, file_hash, make_folder
-from pepper_driver.config.touch_suites import Split
+from pepper_driver.config.touch_suites import Split, load_touch_suites
+from pepper_driver.config.workers import Workers
 from pepper_driver.evaluation.episodes import DEFAULT_CACHE
-from pepper_driver.evaluation.evaluate import QUICK, evaluate, log_jobs, suite_jobs
+from pepper_driver.evaluation.evaluate import QUICK, evaluate, suite_jobs
 from pepper_driver.evaluation.metrics import RECALL_BINS, Metrics
-from pepper_driver.evaluation.observers_under_test import DEFAULTS, contestants
+from pepper_driver.evaluation.observers_under_test import (
+    DEFAULTS,
+    ObserversUnderTest,
+    contestants,
+)
 from pepper_driver.evaluation.report import number, write_report
 from pepper_driver.evaluation.results import EvaluationResult
+from pepper_driver.evaluation.touch.logs import judge_logs
+from pepper_driver.evaluation.touch.report import Origin, write_touch_report
+from pepper_driver.evaluation.touch.summary import summarise_touch
 from pepper_driver.figure_style import check_plotting
 from pepper_driver.log import read_log
 
@@ -175,38 +183,79 @@ def evaluate_command(
         _check_report(report)
     chosen = contestants(None if mode is None else _names(mode), models or [], robot)
     if frozen is None:
-        jobs = log_jobs(logs)
-    else:
-        suites = _names(suite or "")
-        suites = frozen.names if ALL in suites else suites
-        jobs = suite_jobs(frozen, suites, robot, quick=quick, cache=cache)
+        return _evaluate_logs(
+            console,
+            logs,
+            chosen,
+            workers=workers,
+            cluster=cluster,
+            json_file=json_file,
+            report=report,
+        )
+    suites = _names(suite or "")
+    suites = frozen.names if ALL in suites else suites
+    jobs = suite_jobs(frozen, suites, robot, quick=quick, cache=cache)
     with ExitStack() as opened:
-        if frozen is not None:
-            opened.enter_context(lock_folder(cache))
+        opened.enter_context(lock_folder(cache))
         if report is not None:
             opened.enter_context(lock_file(report))
         pool = opened.enter_context(chosen_workers(workers, cluster, console))
         if isinstance(pool, Cluster):
-            _check_files(pool, cache if frozen is not None else None, [*(models or []), *logs])
+            _check_files(pool, cache, models or [])
         with make_progress(console, count=True) as progress:
             bar = progress.add_task("evaluating", total=len(jobs))
             result = evaluate(
                 jobs,
                 chosen,
                 workers=pool,
-                digest=None if frozen is None else frozen.digest,
-                fraction=QUICK if quick and frozen is not None else 1.0,
+                digest=frozen.digest,
+                fraction=QUICK if quick else 1.0,
                 progress=lambda done, _: progress.update(bar, completed=done),
             )
         _print(console, result)
         save_json(json_file, result.as_json(), console)
         if report is not None:
-            what = f"--suite {suite}" if suite else f"--log {' '.join(path.name for path in logs)}"
             options = (f" --observer {mode}" if mode else "") + (" --quick" if quick else "")
-            command = f"pepper evaluate {what}{options} --report {report.name}"
+            command = f"pepper evaluate --suite {suite}{options} --report {report.name}"
             write_report(result, report, robot, command)
             console.print(f"report: {report}")
         return 1 if result.failures else 0
+
+
+def _evaluate_logs(
+    console: Console,
+    logs: Sequence[Path],
+    chosen: ObserversUnderTest,
+    *,
+    workers: int | None,
+    cluster: str | None,
+    json_file: Path | None,
+    report: Path | None,
+) -> int:
+    """Score logs; print, save and write what was asked for."""
+    with chosen_workers(workers, cluster, console) as pool:
+        if isinstance(pool, Cluster):
+            _check_files(pool, None, [*(file.path for file in chosen.files), *logs])
+        records, failures = judge_logs(logs, chosen, workers=pool)
+    summary = summarise_touch(
+        records, chosen.modes, load_robot(), suites=load_touch_suites(load_robot())
+    )
+    print_summary(console, summary, chosen.modes)
+    for note in chosen.notes:
+        console.print(note)
+    for failure in failures:
+        console.print(f"failed: {failure.path}: {failure.reason}")
+    failed = [{"title": str(f.path), "reason": f.reason} for f in failures]
+    save_json(json_file, {**summary.as_json(), "failures": failed}, console)
+    if report is not None:
+        names = " ".join(path.name for path in logs)
+        command = f"pepper evaluate --log {names} --report {report.name}"
+        simulated = all(read_log(path).truth is not None for path in logs)
+        write_touch_report(
+            summary, report, load_robot(), Origin(command=command, simulated=simulated)
+        )
+        console.print(f"report: {report}")
+    return 1 if failures else 0
 
 
 def _evaluate_split(
@@ -222,11 +271,35 @@ def _evaluate_split(
     check_outputs(json_file)
     if report is not None:
         _check_report(report)
-    with chosen_workers(workers, cluster, console) as pool:
+    with ExitStack() as opened:
+        if report is not None:
+            opened.enter_context(lock_file(report))
+        pool = opened.enter_context(chosen_workers(workers, cluster, console))
         judged = judge_split(options, pool, console)
-    print_summary(console, judged.summary, judged.observers)
-    save_json(json_file, judged.summary.as_json(), console)
+        print_summary(console, judged.summary, judged.observers)
+        save_json(json_file, judged.as_json(), console)
+        if report is not None:
+            robot = load_robot()
+            reference = _reference(robot, pool, console)
+            write_touch_report(judged.summary, report, robot, judged.origin(report), reference)
+            console.print(f"report: {report}")
     return 1 if judged.failed else 0
+
+
+def _reference(robot: RobotConfig, pool: Workers, console: Console) -> EvaluationResult:
+    """Evaluate all observers on the suites of the reference plants."""
+    frozen = load_evaluation(robot)
+    jobs = suite_jobs(frozen, frozen.names, robot, cache=DEFAULT_CACHE)
+    chosen = contestants(None, [], robot)
+    with make_progress(console, count=True) as progress:
+        bar = progress.add_task("evaluating Table I and fit", total=len(jobs))
+        return evaluate(
+            jobs,
+            chosen,
+            workers=pool,
+            digest=frozen.digest,
+            progress=lambda done, _: progress.update(bar, completed=done),
+        )
 
 
 def _check_report(report: Path) -> None:
@@ -252,7 +325,6 @@ def _names(text: str) -> tuple[str, ...]:
 
 def _print(console: Console, result: EvaluationResult) -> None:
     """Print a table for each suite, with a column for each observer; missing results below."""
-    where = "in simulation" if result.simulated else "in recordings"
     for suite in result.suites:
         columns = {
             m: _cells(suites[suite]) for m, suites in result.modes.items() if suite in suites
@@ -262,7 +334,7 @@ def _print(console: Console, result: EvaluationResult) -> None:
         hours = (
             sum(episode.seconds for episode in result.episodes if episode.suite == suite) / 3600.0
         )
-        table = Table(title=f"{suite}: {hours:.2f} hours {where}", title_justify="left")
+        table = Table(title=f"{suite}: {hours:.2f} hours in simulation", title_justify="left")
         table.add_column("")
         for mode in columns:
             table.add_column(mode, justify="right")

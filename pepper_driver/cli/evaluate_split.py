@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -14,10 +15,11 @@ from pepper_driver.config import ConfigError, load_robot
 from pepper_driver.config.population import parse_draws
 from pepper_driver.config.touch_suites import Split, TouchSuites, load_touch_suites
 from pepper_driver.config.workers import Workers
-from pepper_driver.evaluation.touch.ledger import Look
-from pepper_driver.evaluation.touch.look import repository, take_look
+from pepper_driver.evaluation.touch.ledger import Look, as_rows, read_ledger
+from pepper_driver.evaluation.touch.look import LEDGER, repository, repository_or_none, take_look
 from pepper_driver.evaluation.touch.observers import DEFAULT, DEVELOPMENT, check_observers
 from pepper_driver.evaluation.touch.records import RobotRecord
+from pepper_driver.evaluation.touch.report import Origin
 from pepper_driver.evaluation.touch.split import Judging, judge
 from pepper_driver.evaluation.touch.summary import summarise_touch
 from pepper_driver.evaluation.touch.summary_data import (
@@ -68,6 +70,41 @@ class JudgedSplit:
     records: tuple[RobotRecord, ...]
     observers: tuple[str, ...]
     summary: TouchSummary
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the figures, and the look that they are of."""
+        look = None if self.look is None else as_rows([self.look])[0]
+        return {
+            "split": self.options.split,
+            "simulated": True,
+            "quick": self.options.quick,
+            "suites": self.suites.digest,
+            "look": look,
+            **self.summary.as_json(),
+        }
+
+    def origin(self, report: Path) -> Origin:
+        """Return the origin of the figures, for a page."""
+        robots = ", ".join(str(record.draw) for record in self.records)
+        look, quick = (
+            self.look,
+            " Few and short takes: to try, not to quote." if self.options.quick else "",
+        )
+        by = (
+            f"Look {look.look} at the test split, begun {look.begun.date()}, from commit {look.commit[:12]}: code "
+            f"{look.code}, constants {look.constants}"
+            if look is not None
+            else "Development split: robots that constants may be chosen on"
+        )
+        root = repository_or_none()
+        return Origin(
+            command=f"pepper evaluate --split {self.options.split} --report {report.name}",
+            lines=(
+                f"{by}. Suites {self.suites.digest}. Draws of `{self.suites.population}`: {robots}.{quick}",
+            ),
+            development=look is None,
+            ledger=() if root is None else read_ledger(root / LEDGER),
+        )
 
     @property
     def failed(self) -> bool:
@@ -155,31 +192,20 @@ def print_summary(console: Console, summary: TouchSummary, observers: Sequence[s
     ours = summary.observer(observers[0])
     if ours is not None:
         _print_n90(console, summary, ours)
-    table = Table(title="as a user hears it", title_justify="left")
-    header = ("observer", "felt", "false contacts", "hours", "an hour, 95 %", "s in none, an hour")
-    for number, name in enumerate((*header, "limb right", "joint, 150 ms", "direction")):
-        table.add_column(name, justify="right" if number else "left")
+    heard = _table("as a user hears it", "observer", "felt", "false", "hours", "an hour, 95 %")
+    where = _table("of what was felt", "observer", "limb", "joint, 150 ms", "direction")
     for name in observers:
         one = summary.observer(name)
         if one is None:
             continue
-        false = one.false_contacts()
-        located = next((part for part in one.located if part.law == ALL), None)
-        felt = one.felt()
-        table.add_row(
-            name,
-            f"{felt.count} of {felt.of}",
-            *_false_cells(false),
-            *(
-                _share(part.share if part else None)
-                for part in (
-                    located and located.first_limb,
-                    located and located.joint_later,
-                    located and located.direction,
-                )
-            ),
-        )
-    console.print(table)
+        felt, located = one.felt(), next((p for p in one.located if p.law == ALL), None)
+        heard.add_row(name, f"{felt.count} of {felt.of}", *_false_cells(one.false_contacts()))
+        if located is not None:
+            parts = (located.first_limb, located.joint_later, located.direction)
+            where.add_row(name, *(_share(part.share) for part in parts))
+    for table in (heard, where):
+        if table.row_count:
+            console.print(table)
     for robot in summary.robots:
         if robot.failure:
             console.print(
@@ -199,13 +225,9 @@ def _failures(summary: TouchSummary, name: str) -> Iterable[tuple[str, int]]:
 
 def _print_n90(console: Console, summary: TouchSummary, ours: ObserverSummary) -> None:
     for law in summary.laws:
-        table = Table(
-            title=f"N90 of {ours.name}, boards as of '{law}': force of a touch of 1 s that is felt 9 times in 10, N",
-            title_justify="left",
-        )
         groups = [group for group in GROUPS if any(c.state == group for c in ours.groups)]
-        for number, name in enumerate(("place", *groups)):
-            table.add_column(name, justify="right" if number else "left")
+        title = f"N90 of {ours.name} in newtons, boards as of '{law}'"
+        table = _table(title, "place", *groups)
         for place in summary.places:
             cells = [ours.group(law, place, group) for group in groups]
             if any(cell is not None for cell in cells):
@@ -218,15 +240,21 @@ def _n90(cell: Cell | None) -> str:
     return "-" if cell is None or cell.n90 is None else cell.n90.text
 
 
-def _false_cells(false: FalseContacts | None) -> tuple[str, str, str, str]:
+def _table(title: str, *columns: str) -> Table:
+    table = Table(title=title, title_justify="left")
+    for number, name in enumerate(columns):
+        table.add_column(name, justify="right" if number else "left")
+    return table
+
+
+def _false_cells(false: FalseContacts | None) -> tuple[str, str, str]:
     if false is None:
-        return ("-",) * 4
+        return ("-",) * 3
     rate = false.rate
     per_hour = (
         "-" if rate.per_hour is None else f"{rate.per_hour:.1f} ({rate.low:.1f}-{rate.high:.1f})"
     )
-    seconds = "-" if false.seconds_per_hour is None else f"{false.seconds_per_hour:.1f}"
-    return f"{false.begins} + {false.moves} moves", f"{false.hours:.2f}", per_hour, seconds
+    return f"{false.begins} + {false.moves} moves", f"{false.hours:.2f}", per_hour
 
 
 def _share(value: float | None) -> str:

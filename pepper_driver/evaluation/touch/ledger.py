@@ -40,7 +40,8 @@ _APART = (
     *(f"{name}/*" for name in ("replay", "testing", "viewer")),
     *(f"backends/{name}/*" for name in ("naoqi", "naoqi_server")),
     *(f"evaluation/{name}.py" for name in ("figures", "report", "results")),
-    *(f"evaluation/touch/{name}.py" for name in ("map", "n90", "page", "recall", "summary")),
+    *(f"evaluation/touch/{name}.py" for name in ("comparison", "map", "n90", "page", "recall")),
+    *(f"evaluation/touch/{name}.py" for name in ("report", "summary", "summary_data")),
     "config/evaluation_baselines.yaml",
     "config/observer.yaml",
     "config/touch_suites.yaml",
@@ -176,6 +177,11 @@ def read_ledger(path: Path) -> tuple[Look, ...]:
         LedgerError: The file cannot be read or a line is damaged; the message names the line.
     """
     return tuple(look for _, look in _read(path))
+
+
+def as_rows(looks: Sequence[Look]) -> list[dict[str, str]]:
+    """Return looks as rows of text, by column."""
+    return [dict(zip(COLUMNS, next(csv.reader([_line(look)])), strict=True)) for look in looks]
 
 
 def look_folder(path: Path, look: int) -> Path:

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from pepper_driver.config import RobotConfig, load_robot
+from pepper_driver.config import PepperError, RobotConfig, load_robot
 from pepper_driver.config.touch_suites import TouchSuites, load_touch_suites
+from pepper_driver.config.workers import Workers, run_jobs
 from pepper_driver.evaluation.episodes import Episode
+from pepper_driver.evaluation.evaluate import episode_of_log
+from pepper_driver.evaluation.observers_under_test import ObserversUnderTest
 from pepper_driver.evaluation.touch.observers import watch_all
-from pepper_driver.evaluation.touch.records import RobotRecord, Take, Touched
+from pepper_driver.evaluation.touch.records import Hearing, RobotRecord, Take, Touched
 from pepper_driver.observer import KnownPush, Observer
 
 LOG = "log"
@@ -22,27 +27,65 @@ ELSEWHERE = "elsewhere"
 """Place of a touch on a link on which the suites have none."""
 
 
-def record_of_log(
-    episode: Episode, path: Path, observers: Mapping[str, Callable[[], Observer]]
-) -> RobotRecord:
-    """Return the record of a log, with what each observer reports of it.
+@dataclass(frozen=True, kw_only=True)
+class LogFailure:
+    """A log that could not be scored, and why."""
+
+    path: Path
+    reason: str
+
+
+def judge_logs(
+    paths: Sequence[Path], observers: ObserversUnderTest, *, workers: Workers = -1
+) -> tuple[tuple[RobotRecord, ...], tuple[LogFailure, ...]]:
+    """Return the record of each log, and those logs that could not be scored.
 
     Args:
-        episode: The log, as :func:`pepper_driver.evaluation.evaluate.episode_of_log` reads it.
-        path: Its file, for the name.
-        observers: Functions that make them, by name.
+        paths: Of the logs.
+        observers: That report on them.
+        workers: Processes, -1 for one per core; or a cluster.
+    """
+    jobs = (partial(_judge_log, path, observers) for path in paths)
+    done = list(run_jobs(jobs, workers=workers))
+    return (
+        tuple(one for one in done if isinstance(one, RobotRecord)),
+        tuple(one for one in done if isinstance(one, LogFailure)),
+    )
+
+
+def _judge_log(path: Path, observers: ObserversUnderTest) -> RobotRecord | LogFailure:
+    try:
+        return record_of_log(path, observers)
+    except Exception as error:  # one log that fails must not cost the others
+        return LogFailure(path=path, reason=_reason(error))
+
+
+def _reason(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    return text if isinstance(error, PepperError) else f"{type(error).__name__}: {text}"
+
+
+def record_of_log(path: Path, observers: ObserversUnderTest) -> RobotRecord:
+    """Return the record of a log: its touches, and what each observer reports of it.
 
     Raises:
-        PepperError: An observer cannot be made, or the log is of another robot.
+        PepperError: The log is damaged, of another robot, or has neither labels nor ground truth.
     """
-    robot = load_robot()
+    robot, episode = load_robot(), episode_of_log(path)
     recording, suites = episode.recording, load_touch_suites(robot)
     touches = tuple(
         _touched(push, episode, robot, suites) for push in sorted(episode.pushes, key=_onset)
     )
+    made: dict[str, Observer] = {}
+    failed: dict[str, Hearing] = {}
+    for mode in observers.modes:
+        try:
+            made[mode] = observers.observer(mode, episode, robot)
+        except PepperError as error:
+            failed[mode] = Hearing(failure=_reason(error))
     known = bool(np.isfinite(episode.contact_torque).all())
     heard = watch_all(
-        {name: make() for name, make in observers.items()},
+        made,
         recording,
         touches,
         robot,
@@ -58,7 +101,7 @@ def record_of_log(
         start=float(recording.time[0]),
         end=float(recording.time[-1]),
         touches=touches,
-        hearings=heard,
+        hearings={mode: {**heard, **failed}[mode] for mode in observers.modes},
     )
     return RobotRecord(
         robot=path.name, draw=None, law=None, identity=episode.identity, takes=(take,)
@@ -69,9 +112,7 @@ def _onset(push: KnownPush) -> float:
     return push.onset
 
 
-def _touched(
-    push: KnownPush, episode: Episode, robot: RobotConfig, suites: TouchSuites
-) -> Touched:
+def _touched(push: KnownPush, episode: Episode, robot: RobotConfig, suites: TouchSuites) -> Touched:
     """Return a touch; nothing is known of its rise, and of its force only what the label or the simulation says."""
     time, limb = episode.recording.time, robot.limb_of_link(push.link)
     joints = [robot.joint_index(name) for name in robot.limbs[limb]]
@@ -93,7 +134,7 @@ def _touched(
         torque=torque,
         friction_bound=None,
         moving=push.moving,
-        standing_start=push.onset < time[0],
+        standing_start=bool(push.onset < time[0]),
     )
 
 

@@ -30,16 +30,22 @@ LEDGER = Path("docs/results/ledger.csv")
 """In the repository."""
 
 
+def repository_or_none() -> Path | None:
+    """Return the folder of the repository that this package is run from; None where it is installed without one."""
+    root = Path(pepper_driver.__file__).resolve().parents[1]
+    return root if (root / "pyproject.toml").is_file() else None
+
+
 def repository() -> Path:
     """Return the folder of the repository that this package is run from.
 
     Raises:
         ConfigError: It is installed without one.
     """
-    root = Path(pepper_driver.__file__).resolve().parents[1]
-    if not (root / "pyproject.toml").is_file():
+    root = repository_or_none()
+    if root is None:
         raise ConfigError(
-            f"{root}: the test split is judged from a checkout of the repository, with 'pip install -e .'"
+            "the test split is judged from a checkout of the repository: install the package with 'pip install -e .'"
         )
     return root
 
@@ -112,4 +118,3 @@ def records_of_look(root: Path, look: Look) -> tuple[RobotRecord, ...]:
     folder = look_folder(root / LEDGER, look.look)
     records = (load_robot_record(path) for path in folder.glob("*.json.gz"))
     return tuple(sorted(records, key=lambda record: record.draw or 0))
-

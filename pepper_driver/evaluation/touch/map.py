@@ -72,7 +72,7 @@ _PLACES = {
 }
 """Place of each link."""
 
-_DRAWN = ("hip", "base", "head", "trunk", "shoulder", "upper arm", "forearm", "hand")
+_DRAWN = ("hip", "base", "trunk", "head", "shoulder", "upper arm", "forearm", "hand")
 """Places from the one behind to the one in front."""
 
 SHOULDER_END = 0.05
@@ -105,7 +105,7 @@ _NAMES: dict[str, tuple[str, tuple[float, float, float], tuple[float, float]]] =
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Part:
-    """One shape of the robot from the front: corners (n, 2) [m], and its place; ``detail`` if it is a face or tablet."""
+    """One shape from the front: corners (n, 2) [m], its place; ``detail`` is the colour of eyes and the like."""
 
     corners: FloatArray
     place: str
@@ -113,7 +113,9 @@ class _Part:
 
 
 @styled
-def n90_figure(observer: ObserverSummary, laws: Sequence[str], robot: RobotConfig) -> Figure:
+def n90_figure(
+    observer: ObserverSummary, laws: Sequence[str], robot: RobotConfig, *, simulated: bool = True
+) -> Figure:
     """Draw one small robot for each law and group of states, its places coloured by N90, with the number on them.
 
     A group without any touch has no robot.
@@ -122,6 +124,7 @@ def n90_figure(observer: ObserverSummary, laws: Sequence[str], robot: RobotConfi
         observer: With N90 by group.
         laws: A row for each.
         robot: Its description.
+        simulated: False for real robots: the title then does not say so.
     """
     groups = [
         name
@@ -148,9 +151,9 @@ def n90_figure(observer: ObserverSummary, laws: Sequence[str], robot: RobotConfi
                 axes.text(
                     0.5, 1.015, *more, transform=axes.transAxes, ha="center", fontsize=NOTE_SIZE
                 )
-        panels[row, 0].set_ylabel(LAWS.get(law, f"law {law}"), fontsize=TITLE_SIZE, labelpad=8.0)
+        panels[row, 0].set_ylabel(law_in_words(law), fontsize=TITLE_SIZE, labelpad=8.0)
     figure.suptitle(
-        "N90: force in newtons of which nine touches in ten are felt, in simulation\n"
+        f"N90: force in newtons of which nine touches in ten are felt{', in simulation' * simulated}\n"
         "touches of 1 s from all sides; both arms count as one; small is good",
         fontsize=TITLE_SIZE,
     )
@@ -212,6 +215,11 @@ def _draw(
     axes.set_xticks([])
     axes.set_yticks([])
     axes.spines[:].set_visible(False)
+
+
+def law_in_words(law: str) -> str:
+    """Return the name of a law for people, in at most two lines."""
+    return LAWS.get(law, f"motor boards: {law}")
 
 
 def newtons_text(value: N90) -> str:

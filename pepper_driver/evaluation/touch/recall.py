@@ -10,9 +10,9 @@ import numpy as np
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.evaluation.metrics import CONFIDENCE
-from pepper_driver.evaluation.touch.map import LAWS, TICKS, n90_figure
+from pepper_driver.evaluation.touch.map import TICKS, law_in_words, n90_figure
 from pepper_driver.evaluation.touch.n90 import SHARE
-from pepper_driver.evaluation.touch.observers import ABLATIONS, FUSION
+from pepper_driver.evaluation.touch.observers import ABLATIONS, FUSION, MATCHED
 from pepper_driver.evaluation.touch.summary_data import (
     GROUPS,
     Cell,
@@ -157,7 +157,12 @@ def _lines(cells: Mapping[str, Cell | None]) -> Lines:
 
 
 def write_touch_pictures(
-    summary: TouchSummary, folder: Path, robot: RobotConfig, *, ours: str = FUSION
+    summary: TouchSummary,
+    folder: Path,
+    robot: RobotConfig,
+    *,
+    ours: str = FUSION,
+    simulated: bool = True,
 ) -> dict[str, str]:
     """Draw what the summary has data for.
 
@@ -166,6 +171,7 @@ def write_touch_pictures(
         folder: For the files; made when there is something to draw. Pictures of an earlier run are removed.
         robot: Its description.
         ours: Name of the project's own observer.
+        simulated: False for real robots.
 
     Returns:
         By name of a file, what it shows.
@@ -174,32 +180,39 @@ def write_touch_pictures(
         PlotError: A file cannot be written.
     """
     drawn: dict[str, tuple[Figure, str]] = {}
+    where = ", in simulation" if simulated else ""
     observer = summary.observer(ours)
     if observer is not None and observer.groups:
         drawn["touch_map.png"] = (
-            n90_figure(observer, summary.laws, robot),
+            n90_figure(observer, summary.laws, robot, simulated=simulated),
             "N90 by place: the force of which nine touches of 1 s in ten are felt. Hatched: not reached.",
         )
         for law in summary.laws:
             if panels := recall_by_group(observer, law, summary.places):
-                title = f"Touches of 1 s that are felt, in simulation: {_law(law)}"
+                title = f"Touches of 1 s that are felt{where}: {_law(law)}"
                 drawn[f"touch_recall_{law}.png"] = (
                     recall_figure(panels, title),
                     f"Share of touches that are felt, by force and place: {_law(law)}. Intervals: Wilson.",
                 )
-            others = [o for o in summary.observers if o.robots and o.name not in ABLATIONS]
+            others = _compared(summary)
             if len(others) > 1 and (panels := recall_by_observer(others, law)):
-                title = f"Touches of 1 s that are felt by each observer, in simulation: {_law(law)}"
+                title = f"Touches of 1 s that are felt by each observer{where}: {_law(law)}"
                 drawn[f"touch_recall_observers_{law}.png"] = (
                     recall_figure(panels, title),
-                    f"The same for each observer: {_law(law)}.",
+                    f"The same for each observer, baselines with matched thresholds: {_law(law)}.",
                 )
     for old in folder.glob("touch_*.png"):
         old.unlink()
     for name, (figure, _) in drawn.items():
-        save_figure(figure, folder / name, colours=None if name == "touch_map.png" else 96)
+        save_figure(figure, folder / name, colours=256 if name == "touch_map.png" else 96)
     return {name: caption for name, (_, caption) in drawn.items()}
 
 
+def _compared(summary: TouchSummary) -> list[ObserverSummary]:
+    """Return the observers that are compared: of a baseline with a matched threshold, the matched one."""
+    names = [o.name for o in summary.observers if o.robots and o.name not in ABLATIONS]
+    return [o for o in summary.observers if o.name in names and o.name + MATCHED not in names]
+
+
 def _law(law: str) -> str:
-    return LAWS.get(law, f"law {law}").replace("\n", " ")
+    return law_in_words(law).replace("\n", " ")

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -131,26 +132,43 @@ def labelled(path: Path, *, labels: bool = True) -> Path:
     return path
 
 
+def observer_of(figures: Path, name: str) -> dict[str, Any]:
+    """Return the figures of one observer of a file of figures."""
+    observers: list[dict[str, Any]] = json.loads(figures.read_text())["observers"]
+    return next(one for one in observers if one["name"] == name)
+
+
+def false_of(observer: dict[str, Any]) -> dict[str, Any]:
+    """Return all its false contacts."""
+    groups: list[dict[str, Any]] = observer["false"]
+    found: dict[str, Any] = next(
+        group["contacts"]
+        for group in groups
+        if {group["suite"], group["law"], group["by"]} == {"all"}
+    )
+    return found
+
+
 def test_labelled_recordings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log, bare = labelled(tmp_path / "a.mcap"), labelled(tmp_path / "b.mcap", labels=False)
     figures, page = tmp_path / "f.json", tmp_path / "r.md"
     arguments = ["evaluate", "--observer", "paper", "--workers", "1", "--json", str(figures)]
     arguments += ["--report", str(page), "--log", str(log)]
     assert run(arguments) == 0
-    content = json.loads(figures.read_text())
-    assert content["simulated"] is False
-    assert content["modes"]["paper"]["recall_overall"] == 1.0
-    assert content["modes"]["paper"]["recall_count"]["overall"] == 1
-    assert content["modes"]["paper"]["delay_ms"] is None
-    assert content["modes"]["paper"]["suites"]["log"]["with_pushes"]["fp"] == 0
+    observer = observer_of(figures, "paper-affine")
+    (robot,) = observer["robots"]
+    assert (robot["felt"]["count"], robot["felt"]["of"]) == (1, 1)
+    false = false_of(observer)
+    assert false["begins"] == 0
+    # Left arm 0.8 s and the grace of 0.3 s of the 3 s, the other three limbs all the time.
+    assert 3600.0 * false["hours"] == pytest.approx(3.0 - 1.1 / 4.0, abs=0.03)
     text = page.read_text()
     assert "simulated" not in text.splitlines()[0]
-    assert "## Recordings" in text
-    assert "in recordings" in capsys.readouterr().out
+    assert "1 of 1" in capsys.readouterr().out
     # A second one, without labels, is told; the first still counts.
     assert run([*arguments, str(bare)]) == 1
     assert "has no labelled touch" in capsys.readouterr().out
-    assert json.loads(figures.read_text())["modes"]["paper"]["recall_overall"] == 1.0
+    assert observer_of(figures, "paper-affine")["robots"][0]["felt"]["count"] == 1
 
 
 def test_a_simulated_run_needs_no_labels(
@@ -164,12 +182,15 @@ def test_a_simulated_run_needs_no_labels(
         pepper.run(1.0)
     arguments = ["evaluate", "--observer", "paper", "--workers", "1", "--json", str(figures)]
     assert run([*arguments, "--log", str(log)]) == 0
-    assert "in recordings" in capsys.readouterr().out
-    metrics = json.loads(figures.read_text())["modes"]["paper"]["suites"]["log"]
-    assert metrics["counts"] == {"fp": 0, "fn": 1, "tp": 1}
-    assert metrics["recall"]["3-"] == metrics["recall_overall"] == 1.0
-    assert metrics["recall_trunk"] == 0.0
-    assert 0.0 < metrics["delay_ms"]["from_1deg"]["median"] < metrics["delay_ms"]["median"] < 500.0
+    assert "1 of 2" in capsys.readouterr().out
+    observer = observer_of(figures, "paper-affine")
+    (robot,) = observer["robots"]
+    assert (robot["felt"]["count"], robot["felt"]["of"]) == (1, 2)
+    assert false_of(observer)["begins"] == 0
+    places = {
+        cell["place"]: cell["felt"]["count"] for cell in observer["groups"] or observer["cells"]
+    }
+    assert places.get("forearm", 1) == 1
 
 
 @pytest.mark.parametrize(
@@ -185,6 +206,18 @@ def test_a_simulated_run_needs_no_labels(
         ([], "give either --suite or --log; suites: "),
         (["--suite", "paper", "--log", "x.mcap"], "give either --suite or --log"),
         (["paper"], "paper: recordings come after --log"),
+        (["--draws", "0"], "--draws belongs to --split"),
+        (["--split", "test", "--draws", "0"], "is judged whole: leave out --draws"),
+        (["--split", "test", "--quick"], "is judged whole: leave out --quick"),
+        (
+            ["--split", "development", "--draws", "99-100"],
+            "draw 100 is held out for the test split",
+        ),
+        (["--split", "development", "--draws", "3-1"], "ends before it begins"),
+        (["--split", "development", "--suite", "touc"], "has the suites touch and free"),
+        (["--split", "development", "--observer", "fusio"], "unknown observer 'fusio'"),
+        (["--split", "development", "--log", "x.mcap"], "--log and --split exclude each other"),
+        (["--split", "tset"], "tset"),
         (["--log", "no.mcap"], "no.mcap: cannot be read (there is no such file)"),
         (["--suite", "paper", "--workers", "0"], "workers"),
     ],

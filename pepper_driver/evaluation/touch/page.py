@@ -1,0 +1,765 @@
+"""Page of results of the judge of touch, as Markdown: from figures that are ready, without reading or writing."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Protocol, TypeVar
+
+from pepper_driver.config.robot import TRUNK
+from pepper_driver.evaluation.report import number, section, table
+from pepper_driver.evaluation.touch.comparison import Difference, paired
+from pepper_driver.evaluation.touch.map import law_in_words
+from pepper_driver.evaluation.touch.n90 import LARGEST
+from pepper_driver.evaluation.touch.observers import ABLATIONS, FUSION
+from pepper_driver.evaluation.touch.scoring import (
+    AFTER_RELEASE,
+    FELT_GRACE,
+    JOINT_SHARE,
+    REBOUND_TIME,
+)
+from pepper_driver.evaluation.touch.summary import LOWERED
+from pepper_driver.evaluation.touch.summary_data import (
+    ALL,
+    FAST_RISE,
+    GROUPS,
+    PARTS,
+    STRONG,
+    By,
+    Cell,
+    Delays,
+    Ends,
+    FalseContacts,
+    ForceShare,
+    Located,
+    ObserverSummary,
+    Quantiles,
+    Rate,
+    RowShare,
+    Share,
+    Suite,
+    Torques,
+    TouchSummary,
+)
+
+HEADLINE_PLACES = ("hand", "forearm", "upper arm", "head", "trunk")
+"""Places of the first table."""
+
+FEW_ROBOTS = 8
+"""Robots of a law: with fewer, an interval by bootstrap over robots is too short."""
+
+SUITES: dict[Suite, str] = {
+    "free": "nobody touches the robot",
+    "touch": "people touch it",
+    ALL: "together",
+}
+"""By name of a suite, its name for people."""
+
+_DIGEST = 10
+"""Characters of a hash on the page."""
+
+RULES = (
+    "Each begin of a contact, and each move of one to another limb or joint, is heard by a program. It is *right* from "
+    f"the onset of a touch on its limb to {FELT_GRACE:g} s after the release, a *rebound* if it calls itself one and "
+    f"comes until {REBOUND_TIME:g} s after a release on its limb, and *false* otherwise: on another limb, on the "
+    "trunk, after a release, in place of a rebound.",
+    "A touch is *felt* by the first right begin on its limb, or the first contact that moves there; one such event "
+    "tells one touch. Hours are those in which a contact could have been false, a mean over the limbs.",
+    "*N90* is the force of which nine touches in ten are felt: a logistic curve in the logarithm of the force, with a "
+    "share of touches that no force makes felt, is fitted to touches of 1 s (rise 0.1 s) from all sides, without those "
+    "along the axis of the limb. Robots of one law are pooled. Of equally likely curves the one with the largest N90 "
+    "counts. In brackets a 95 % interval by bootstrap over robots; *worst* is the N90 of the worst robot.",
+    "Forces are those that acted: a touch that would tip the robot is planned lower, and counts as what it is.",
+    "The *friction bound* of a touch is the least over the joints of its limb of 2 F / |J^T u|: friction may hide a "
+    "smaller force from a limb at rest, whatever the observer. The tables have its median.",
+    f"The *joint* is right if it has at least {JOINT_SHARE:g} of the largest torque on the joints of the limb; beside "
+    "it the stricter rule: it has the largest. Limb, joint and direction are of touches of the row `even`.",
+    f"Delays count from the onset where the force rises within {1e3 * FAST_RISE:.0f} ms; for slower touches from the "
+    "moment at which the force passes the N90 of its law, place and state, and only where it passes it. A negative "
+    "delay is a touch that was felt before.",
+    "Touches of a robot whose identification failed are not felt. Shares have Wilson's 95 % interval, rates the exact "
+    "Poisson one.",
+)
+"""Scoring in short."""
+
+
+def touch_page(
+    summary: TouchSummary,
+    pictures: Mapping[str, str],
+    *,
+    ledger: Sequence[Mapping[str, str]] = (),
+    looks: int | None = None,
+    development: bool = False,
+    simulated: bool = True,
+    ours: str = FUSION,
+) -> list[str]:
+    """Return the sections of the page.
+
+    Args:
+        summary: All figures.
+        pictures: Caption of each picture by its path, as
+            :func:`pepper_driver.evaluation.touch.recall.write_touch_pictures` names them.
+        ledger: Lines of the ledger, by column.
+        looks: Number of looks at the test split so far; None for the number of lines.
+        development: True for robots of the development split.
+        simulated: False for real robots.
+        ours: Name of the project's own observer.
+    """
+    observer = summary.observer(ours)
+    parts: list[str] = []
+    if observer is None:
+        parts += section("Touch", f"The observer `{ours}` was judged on no robot.")
+    else:
+        parts += headline(summary, observer)
+        parts += pictures_of(pictures)
+        parts += n90_table(summary, observer)
+        parts += recall_table(summary, observer)
+        parts += rows_table(summary, observer)
+        parts += false_contacts(summary, observer)
+        parts += baselines(summary, observer)
+        parts += ablations(summary, observer)
+        parts += models(summary)
+    parts += failures(summary)
+    parts += section("How touches are scored", "\n".join(f"- {rule}" for rule in RULES))
+    parts += ledger_table(ledger, looks)
+    parts += limits(summary, development=development, simulated=simulated)
+    return parts
+
+
+# -- headline ---------------------------------------------------------------------------------------------------------
+
+
+def headline(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
+    """Write the first section: N90 by place and group of states, and the other main figures by law."""
+    laws = summary.laws
+    rows = []
+    for place in HEADLINE_PLACES:
+        for law in laws:
+            cells = [observer.group(law, place, group) for group in GROUPS]
+            if any(cell is not None for cell in cells):
+                rows.append([f"{place}, `{law}`", *(_n90_and_worst(cell) for cell in cells)])
+    figures = table(
+        ("figure", *(f"`{law}`" for law in laws), *(("all robots",) if len(laws) > 1 else ())),
+        [
+            [name, *(value(law) for law in (*laws, *((ALL,) if len(laws) > 1 else ())))]
+            for name, value in _figures(observer).items()
+        ],
+    )
+    about = "; ".join(f"`{law}`: {law_in_words(law).split(chr(10))[0]}" for law in laws)
+    return section(
+        "Touch at a glance",
+        f"Observer `{observer.name}`, {_robots(summary)}; {about}.",
+        table(("N90 [N]", *GROUPS), rows),
+        figures,
+    )
+
+
+def _robots(summary: TouchSummary) -> str:
+    counts = [
+        f"{sum(robot.law == law for robot in summary.robots)} of `{law}`" for law in summary.laws
+    ]
+    failed = sum(bool(robot.failure) for robot in summary.robots)
+    bad = f", {failed} of them could not be identified: none of their touches is felt"
+    hours = sum(robot.hours for robot in summary.robots)
+    named = f" ({', '.join(counts)})" if counts else ""
+    return f"{len(summary.robots)} robots{named}{bad if failed else ''}, {hours:.1f} hours in all"
+
+
+def _n90_and_worst(cell: Cell | None) -> str:
+    if cell is None or cell.n90 is None:
+        return "-"
+    worst = f"; worst {cell.n90.worst_text}" if cell.n90.robots > 1 else ""
+    return f"{cell.n90.text}{worst}"
+
+
+class _OfLaw(Protocol):
+    @property
+    def law(self) -> str: ...
+
+
+L = TypeVar("L", bound=_OfLaw)
+
+
+def _of(items: Sequence[L], get: Callable[[L], str]) -> Callable[[str], str]:
+    """Return the function that writes a figure of a law."""
+    found = {item.law: item for item in items}
+    return lambda law: get(found[law]) if law in found else "-"
+
+
+def _figures(observer: ObserverSummary) -> dict[str, Callable[[str], str]]:
+    """By name of a figure, the function that writes it for a law."""
+
+    def located(get: Callable[[Located], Share]) -> Callable[[str], str]:
+        return _of(observer.located, lambda one: share_text(get(one)))
+
+    def delay(get: Callable[[Delays], Quantiles]) -> Callable[[str], str]:
+        return _of(observer.delays, lambda one: delay_text(get(one)))
+
+    def false(suite: Suite, get: Callable[[FalseContacts], str]) -> Callable[[str], str]:
+        def text(law: str) -> str:
+            contacts = observer.false_contacts(suite, law)
+            return "-" if contacts is None or contacts.hours <= 0.0 else get(contacts)
+
+        return text
+
+    return {
+        "false contacts an hour (begins and moves), nobody touches": false("free", _rate),
+        "the same, people touch": false("touch", _rate),
+        "the same, together": false(ALL, _rate),
+        "the same, worst robot": lambda law: _worst_false(observer, law),
+        "seconds an hour in contacts that are none; share of time": false(ALL, _idle),
+        "touches of row `even` that are felt": lambda law: share_text(observer.felt(law)),
+        "the same, of limbs at rest": _of(observer.motion, lambda one: share_text(one.rest)),
+        "the same, of limbs in motion": _of(observer.motion, lambda one: share_text(one.moving)),
+        f"delay, rises up to {1e3 * FAST_RISE:.0f} ms, from the onset": delay(lambda one: one.fast),
+        "delay, slower rises, from passing N90": delay(lambda one: one.slow),
+        f"delay, {STRONG:g} times N90 and more": delay(lambda one: one.strong),
+        "first told on the right limb": located(lambda one: one.first_limb),
+        "limb right 150 ms after the alarm": located(lambda one: one.limb_later),
+        "joint right at the alarm": located(lambda one: one.joint),
+        "joint right 150 ms later": located(lambda one: one.joint_later),
+        "joint has the largest torque, at the alarm": located(lambda one: one.largest),
+        "joint has the largest torque, 150 ms later": located(lambda one: one.largest_later),
+        "direction right at the alarm": located(lambda one: one.direction),
+        "direction right 150 ms later": located(lambda one: one.direction_later),
+        "end of the contact after the release": _of(observer.ends, _end),
+        "torque on turned joints: RMSE; R2": _of(observer.torques, _torque),
+    }
+
+
+def _worst_false(observer: ObserverSummary, law: str) -> str:
+    rates = [
+        (robot.false.rate.per_hour, robot.robot)
+        for robot in observer.robots
+        if law in (ALL, robot.law) and robot.false.rate.per_hour is not None
+    ]
+    if not rates:
+        return "-"
+    worst, name = max(rates, key=lambda rate: rate[0])
+    return f"{figure(worst)} ({name})"
+
+
+def _rate(contacts: FalseContacts) -> str:
+    rate = contacts.rate
+    return f"{rate_text(rate)}, {rate.count} in {figure(rate.hours)} h"
+
+
+def _idle(contacts: FalseContacts) -> str:
+    if contacts.seconds_per_hour is None or contacts.share_of_time is None:
+        return "-"
+    return f"{figure(contacts.seconds_per_hour)} s; {100.0 * contacts.share_of_time:.2f} %"
+
+
+def _end(ends: Ends) -> str:
+    error = ends.error
+    if error.median is None or error.p90 is None:
+        return "-"
+    early = f"{ends.early.count} early" if ends.early.count else "none early"
+    lasting = f", {ends.open} without an end" if ends.open else ""
+    return f"{_ms(error.median)} / {_ms(error.p90)} ms ({error.of}; {early}{lasting})"
+
+
+def _torque(torques: Torques) -> str:
+    return (
+        "-"
+        if torques.rmse is None
+        else f"{torques.rmse:.2f} N m; {number(torques.r2)} ({torques.pairs})"
+    )
+
+
+# -- N90, recall, rows ------------------------------------------------------------------------------------------------
+
+
+def pictures_of(pictures: Mapping[str, str]) -> list[str]:
+    """Write the pictures, each with its caption."""
+    return section(
+        "N90 on the robot, and touches felt by force",
+        *(f"![{Path(path).stem}]({path})\n\n{caption}" for path, caption in pictures.items()),
+    )
+
+
+def n90_table(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
+    """Write N90 of every place and state, with the worst robot, the number of touches and the friction bound."""
+    laws = summary.laws
+    header = ["place, state"]
+    for law in laws:
+        header += [f"N90 [N], `{law}`", "worst", "touches", "friction bound [N]"]
+    rows = []
+    for place in summary.places:
+        for title, cells in _cells(summary, observer, place):
+            columns = [cells.get(law) for law in laws]
+            if any(columns):
+                rows.append([f"{place}, {title}", *(c for cell in columns for c in _n90(cell))])
+    return section(
+        "N90 by place and state",
+        table(header, rows),
+        "States in capitals are pooled. An N90 below the friction bound is no mistake: a joint may rest anywhere in "
+        "the band of its friction, and one that moves has none to hide in.",
+    )
+
+
+def _cells(
+    summary: TouchSummary, observer: ObserverSummary, place: str
+) -> Iterator[tuple[str, dict[str, Cell | None]]]:
+    """Yield the groups of states, in capitals, then the states, each with its cells by law."""
+    for group in GROUPS:
+        yield group.upper(), {law: observer.group(law, place, group) for law in summary.laws}
+    alone = [states[0] for states in GROUPS.values() if len(states) == 1]
+    for state in summary.states:
+        if state not in alone:
+            yield state, {law: observer.cell(law, place, state) for law in summary.laws}
+
+
+def _n90(cell: Cell | None) -> tuple[str, str, str, str]:
+    if cell is None:
+        return "-", "-", "-", "-"
+    value = cell.n90
+    worst = "-" if value is None or value.robots < 2 else value.worst_text
+    return (
+        "-" if value is None else value.text,
+        worst,
+        str(cell.felt.of),
+        "-" if cell.bound is None else figure(cell.bound),
+    )
+
+
+def recall_table(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
+    """Write the share of touches that are felt by the force that the suite asked for."""
+    forces = sorted({one.asked for cell in observer.groups for one in cell.forces})
+    rows = []
+    for place in summary.places:
+        for group in GROUPS:
+            for law in summary.laws:
+                cell = observer.group(law, place, group)
+                if cell is not None and cell.forces:
+                    found = {one.asked: one for one in cell.forces}
+                    cells = [
+                        _force_share(found[force]) if force in found else "-" for force in forces
+                    ]
+                    rows.append([f"{place}, {group}, `{law}`", *cells])
+    return section(
+        "Touches felt by force",
+        table(("place, states, boards", *(f"{force:g} N" for force in forces)), rows),
+        f"Felt of how many, by the force that the suite asks for; after `at` the median of those that acted, where it "
+        f"is below {LOWERED:g} of that. The pictures have the intervals.",
+    )
+
+
+def _force_share(one: ForceShare) -> str:
+    lowered = f" at {figure(one.acted)} N" if one.acted < LOWERED * one.asked else ""
+    return f"{one.felt.count}/{one.felt.of}{lowered}"
+
+
+def rows_table(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
+    """Write the other rows of the suites, by law, and by place and group of states where there is more than one."""
+    rows = []
+    for row in summary.rows:
+        found = [one for one in observer.rows if one.row == row]
+        for place, state in dict.fromkeys((one.place, one.state) for one in found):
+            by_law = {one.law: one for one in found if (one.place, one.state) == (place, state)}
+            kind = ", ".join(name for name in (place, state) if name != ALL)
+            rows.append(
+                [
+                    f"... {kind}" if kind else f"**{row}**",
+                    *(_row_share(by_law.get(law)) for law in summary.laws),
+                    _row_force(by_law.get(ALL)),
+                ]
+            )
+    return section(
+        "Other touches",
+        table(("row", *(f"felt, `{law}`" for law in summary.laws), "force that acted [N]"), rows),
+        "The force is the median over touches of the largest force of each.",
+    )
+
+
+def _row_share(row: RowShare | None) -> str:
+    return "-" if row is None else share_text(row.felt)
+
+
+def _row_force(row: RowShare | None) -> str:
+    return "-" if row is None or row.force is None else figure(row.force)
+
+
+# -- false contacts ---------------------------------------------------------------------------------------------------
+
+
+def false_contacts(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
+    """Write the false contacts by kind of take, by part and joint, by state, and by robot."""
+    laws = summary.laws
+    kinds = []
+    for suite, title in SUITES.items():
+        for law in laws:
+            contacts = observer.false_contacts(suite, law)
+            if contacts is not None and contacts.hours > 0.0:
+                kinds.append([f"{title}, `{law}`", *_false_cells(contacts)])
+    if not kinds:
+        return []
+    header = (
+        "takes",
+        "hours",
+        "begins",
+        "moves",
+        "per hour",
+        "after a release",
+        "another limb touched",
+        "called rebounds",
+        "seconds per hour",
+        "of the time",
+        "rebounds told as such",
+    )
+    by_law = [f"`{law}`" for law in laws]
+
+    def joints(by: By, names: Iterable[str]) -> list[list[str]]:
+        found = {
+            name: [observer.false_contacts(ALL, law, by, name) for law in laws] for name in names
+        }
+        return [
+            [_joint_name(by, name), *map(_count_and_rate, columns)]
+            for name, columns in found.items()
+            if by == "part" or any(c is not None and c.events for c in columns)
+        ]
+
+    names = {by: _names(observer, by) for by in ("limb", "joint", "state")}
+    arms = [limb for limb in names["limb"] if limb not in PARTS]
+    states = [
+        [state, *(_state_rate(observer.false_contacts(ALL, law, "state", state)) for law in laws)]
+        for state in names["state"]
+    ]
+    return section(
+        "False contacts",
+        table(header, kinds),
+        "By part of the robot, then by joint of both sides, per hour of all takes; a joint without a row had none:",
+        table(
+            ("joint", *by_law),
+            [
+                *joints("part", PARTS),
+                *joints("limb", arms),
+                *joints("joint", names["joint"]),
+            ],
+        ),
+        "By state, all takes:",
+        table(("state", *by_law), states),
+        "By robot:",
+        _robots_table(summary, observer),
+    )
+
+
+def _joint_name(by: By, name: str) -> str:
+    if by == "part":
+        return f"**{name}**"
+    return "no joint named (trunk)" if name == TRUNK else name
+
+
+def _names(observer: ObserverSummary, by: str) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(group.name for group in observer.false if group.by == by))
+
+
+def _false_cells(contacts: FalseContacts) -> list[str]:
+    of_time = contacts.share_of_time
+    return [
+        figure(contacts.hours),
+        str(contacts.begins),
+        str(contacts.moves),
+        rate_text(contacts.rate),
+        str(contacts.after_release),
+        str(contacts.other_touched),
+        str(contacts.rebounds),
+        "-" if contacts.seconds_per_hour is None else figure(contacts.seconds_per_hour),
+        "-" if of_time is None else f"{100.0 * of_time:.2f} %",
+        "-" if contacts.told_rebounds is None else str(contacts.told_rebounds),
+    ]
+
+
+def _count_and_rate(contacts: FalseContacts | None) -> str:
+    if contacts is None or contacts.rate.per_hour is None:
+        return "-"
+    return f"{contacts.events}, {rate_text(contacts.rate)}/h" if contacts.events else "0"
+
+
+def _state_rate(contacts: FalseContacts | None) -> str:
+    return "-" if contacts is None or contacts.hours <= 0.0 else _rate(contacts)
+
+
+def _robots_table(summary: TouchSummary, observer: ObserverSummary) -> str:
+    found = {robot.robot: robot for robot in observer.robots}
+    rows = []
+    for robot in summary.robots:
+        one = found.get(robot.robot)
+        free, touch = (
+            observer.false_contacts(suite, robot.law, "robot", robot.robot)
+            for suite in ("free", "touch")
+        )
+        rows.append(
+            [
+                f"{robot.robot}, `{robot.law}`" + (", not identified" if robot.failure else ""),
+                "-" if one is None else share_text(one.felt),
+                _state_rate(free),
+                _state_rate(touch),
+                number(robot.fit, 1),
+            ]
+        )
+    return table(
+        ("robot", "felt of row `even`", "false, nobody touches", "false, people touch", "fit [%]"),
+        rows,
+    )
+
+
+# -- other observers --------------------------------------------------------------------------------------------------
+
+
+def baselines(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
+    """Write a row for each observer that is no ablation: ours first, each baseline as published and as matched."""
+    laws = summary.laws
+    others = [
+        other
+        for other in summary.observers
+        if other.robots and other.name not in ABLATIONS and other.name != observer.name
+    ]
+    if not others:
+        return []
+    places = [(group, law) for group in ("standing", "in motion") for law in laws]
+    header = [
+        "observer",
+        *(f"N90 hand, {group}, `{law}`" for group, law in places),
+        "felt of row `even`",
+        "false/h, nobody touches",
+        "false/h, people touch",
+        *(f"false/h, {part}" for part in PARTS),
+        "delay [ms]",
+        "joint right 150 ms later",
+    ]
+    rows = []
+    for one in (observer, *others):
+        cells = [one.group(law, "hand", group) for group, law in places]
+        rows.append(
+            [
+                f"`{one.name}`",
+                *("-" if c is None or c.n90 is None else c.n90.text for c in cells),
+                share_text(one.felt()),
+                *(_per_hour(one.false_contacts(suite)) for suite in ("free", "touch")),
+                *(_per_hour(one.false_contacts(ALL, ALL, "part", part)) for part in PARTS),
+                delay_text(one.delays[0].fast, unit="") if one.delays else "-",
+                share_text(one.located[0].joint_later, counts=False) if one.located else "-",
+            ]
+        )
+    return section(
+        "Beside other observers",
+        table(header, rows),
+        "All see the same ticks of the same robots, with models of each robot. `NAME` has the threshold that was "
+        "published; `NAME@matched` the one that gives the false contacts of ours on the development robots, chosen "
+        "once. The paper moved and watched shoulders and elbows alone, hence the parts of the robot.",
+    )
+
+
+def _per_hour(contacts: FalseContacts | None) -> str:
+    rate = None if contacts is None else contacts.rate.per_hour
+    return "-" if rate is None else figure(rate)
+
+
+def ablations(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
+    """Write what each ablation changes, robot by robot."""
+    rows = []
+    for name in ABLATIONS:
+        other = summary.observer(name)
+        if other is not None:
+            pairs = [paired(observer, other, law) for law in summary.laws]
+            rows.append(
+                [
+                    f"`{name}`",
+                    *(_difference(pair.felt, 100.0) for pair in pairs),
+                    *(_difference(pair.false_per_hour, 1.0) for pair in pairs),
+                    " / ".join(str(pair.robots) for pair in pairs),
+                ]
+            )
+    header = (
+        "observer",
+        *(f"felt [points], `{law}`" for law in summary.laws),
+        *(f"false contacts [1/h], `{law}`" for law in summary.laws),
+        "robots",
+    )
+    return section(
+        "Without each part",
+        table(header, rows),
+        f"Difference to `{observer.name}` on the same robots and touches (row `even`; all takes), with 95 % intervals "
+        "by bootstrap over robots. A part that helps has felt below 0 or false contacts above 0. Robots whose "
+        "identification failed are left out.",
+    )
+
+
+def _difference(difference: Difference | None, scale: float) -> str:
+    if difference is None:
+        return "-"
+    value, low, high = difference.value, difference.low, difference.high
+    if low is None or high is None:
+        return f"{scale * value:+.1f}"
+    return f"{scale * value:+.1f} ({scale * low:+.1f} to {scale * high:+.1f})"
+
+
+def models(summary: TouchSummary) -> list[str]:
+    """Write the fit of the models of each robot, and the thresholds of each observer."""
+    fits = [(robot.fit, robot.robot) for robot in summary.robots if robot.fit is not None]
+    text = ""
+    if fits:
+        worst, name = min(fits)
+        mean = sum(fit for fit, _ in fits) / len(fits)
+        text = (
+            f"Fit of the expected tracking error on a test run, mean of all joints: {mean:.1f} % over {len(fits)} "
+            f"robots; the worst one is {name} with {worst:.1f} %."
+        )
+    observers = [one for one in summary.observers if one.threshold_deg]
+    joints = dict.fromkeys(joint for one in observers for joint in one.threshold_deg)
+    thresholds = table(
+        ("median threshold [deg]", *(f"`{one.name}`" for one in observers)),
+        [[joint, *(number(one.threshold_deg.get(joint)) for one in observers)] for joint in joints],
+    )
+    return section("Models and thresholds", text or thresholds, thresholds if text else "")
+
+
+# -- what failed, ledger, limits --------------------------------------------------------------------------------------
+
+
+def failures(summary: TouchSummary) -> list[str]:
+    """Write what failed, what was drawn again or lowered, and who did not take part."""
+    lines = []
+    for robot in summary.robots:
+        if robot.failure:
+            lines.append(
+                f"{robot.robot} (`{robot.law}`) could not be identified: {robot.failure}. Its {robot.touches} touches "
+                "count as not felt by any observer; it has no hours."
+            )
+    for robot in summary.robots:
+        for take, reason in robot.failed_takes.items():
+            lines.append(f"{robot.robot}, take {take} could not be performed: {reason}")
+    planned = sum(robot.failed_touches for robot in summary.robots)
+    if planned:
+        lines.append(f"{planned} touches planned for these takes are in no figure.")
+    redrawn, takes = (sum(getattr(r, n) for r in summary.robots) for n in ("redrawn", "takes"))
+    reasons = Counter[str]()
+    for robot in summary.robots:
+        reasons.update(robot.redraws)
+    why = "; ".join(f"{count} times {reason}" for reason, count in reasons.most_common(5))
+    if takes:
+        lines.append(f"{redrawn} of {takes} takes were drawn again{f' ({why})' if why else ''}.")
+    for one in summary.observers:
+        for reason, count in one.failures.items():
+            lines.append(
+                f"`{one.name}` has no result of {count} takes, whose touches count as not felt: {reason}"
+            )
+        if not one.robots:
+            lines.append(f"`{one.name}` was judged on no robot.")
+        elif one.left_out:
+            lines.append(
+                f"`{one.name}` did not see every take of {', '.join(one.left_out)}: left out of all its figures."
+            )
+    warned = [robot.robot for robot in summary.robots if robot.warnings]
+    if warned:
+        lines.append(f"The identification warned of {len(warned)} robots: {', '.join(warned)}.")
+    lowered = table(
+        ("place", "lowered", "of touches", "largest force [N]"),
+        [
+            [one.place, str(one.lowered), str(one.of), figure(one.largest)]
+            for one in summary.lowered
+            if one.lowered
+        ],
+    )
+    return section(
+        "What failed, was drawn again or lowered",
+        "\n".join(f"- {line}" for line in lines),
+        f"Forces that were lowered because they would tip the robot (below {LOWERED:g} of what was asked):"
+        if lowered
+        else "",
+        lowered,
+    )
+
+
+def ledger_table(ledger: Sequence[Mapping[str, str]], looks: int | None = None) -> list[str]:
+    """Write the looks at the test split; ``looks`` is their number, None for that of the lines."""
+    count = len(ledger) if looks is None else looks
+    columns = list(dict.fromkeys(column for line in ledger for column in line))
+    rows = [[_ledger_cell(column, line.get(column, "")) for column in columns] for line in ledger]
+    said = {0: "No look at the test robots yet.", 1: "One look at test robots so far."}.get(
+        count, f"{count} looks at test robots so far."
+    )
+    return section(
+        "Looks at the test robots",
+        f"{said} A look is written down when it begins; after one that led to a change the next hundred of draws is "
+        "used.",
+        table([column.replace("_", " ") for column in columns], rows),
+    )
+
+
+def _ledger_cell(column: str, value: str) -> str:
+    if column in ("commit", "code", "constants", "suites"):
+        value = value[:_DIGEST]
+    return value.replace("|", "/").replace("\n", " ") or "-"
+
+
+def limits(
+    summary: TouchSummary, *, development: bool = False, simulated: bool = True
+) -> list[str]:
+    """Write what the figures do not say."""
+    lines = []
+    if simulated:
+        lines.append(
+            "In simulation: no figure here is of a real robot. Masses, friction, boards and people are models."
+        )
+    if development:
+        lines.append(
+            "Development robots: constants may have been chosen on them. Only the test split counts."
+        )
+    counts = {law: sum(r.law == law for r in summary.robots) for law in summary.laws}
+    few = [f"{count} of `{law}`" for law, count in counts.items() if count < FEW_ROBOTS]
+    if few:
+        lines.append(
+            f"Few robots ({', '.join(few)}): intervals by bootstrap over fewer than {FEW_ROBOTS} robots are too short."
+        )
+    lines += [
+        "Intervals of shares and rates take touches and false contacts as independent; those of one robot are alike, "
+        "so the true intervals are wider.",
+        "Cells of single states have few touches: a strong one that is missed may alone lift their N90 beyond all "
+        "forces. Read the pooled rows first.",
+        f"An N90 beyond {LARGEST:g} N is none: stronger touches are not made. Where less acted, as on the trunk, `> 14`"
+        " says that no touch was stronger than 14 N.",
+        f"False contacts until {AFTER_RELEASE:g} s after a release on the limb are marked, not excused.",
+    ]
+    return section("Limits", "\n".join(f"- {line}" for line in lines))
+
+
+# -- text -------------------------------------------------------------------------------------------------------------
+
+
+def figure(value: float) -> str:
+    """Return a number with three digits at most: ``0.52``, ``7.4``, ``13``."""
+    if math.isinf(value):
+        return "inf"
+    digits = 2 if abs(value) < 1.0 else 1 if abs(value) < 10.0 else 0
+    return f"{value:.{digits}f}"
+
+
+def share_text(share: Share, *, counts: bool = True) -> str:
+    """Return a share, its interval and its counts: ``0.83 (0.55-0.95), 10 of 12``."""
+    if share.share is None:
+        return "-"
+    text = f"{share.share:.2f} ({share.low:.2f}-{share.high:.2f})"
+    return f"{text}, {share.count} of {share.of}" if counts else text
+
+
+def rate_text(rate: Rate) -> str:
+    """Return a rate and its interval: ``3.1 (1.0-7.3)``."""
+    if rate.per_hour is None:
+        return "-"
+    return f"{figure(rate.per_hour)} ({figure(rate.low)}-{figure(rate.high)})"
+
+
+def delay_text(quantiles: Quantiles, unit: str = " ms") -> str:
+    """Return median and p90, and the numbers felt and made: ``132 / 180 ms (40 of 60)``."""
+    if quantiles.median is None or quantiles.p90 is None:
+        return "-"
+    values = f"{_ms(quantiles.median)} / {_ms(quantiles.p90)}{unit}"
+    return f"{values} ({quantiles.count} of {quantiles.of})"
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.0f}"

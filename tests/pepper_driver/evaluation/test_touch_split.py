@@ -1,0 +1,269 @@
+"""Robots of a split: judged once, kept, and the same whoever works; looks at the test split, with their line."""
+
+import shutil
+import subprocess
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import pepper_driver.evaluation.touch.split as split
+import pepper_driver.observer.models as models
+from pepper_driver.config import load_robot
+from pepper_driver.config.population import HeldOutDrawError
+from pepper_driver.config.touch_suites import load_touch_suites
+from pepper_driver.evaluation.touch.ledger import CommitError, LedgerError, read_ledger
+from pepper_driver.evaluation.touch.look import LEDGER, records_of_look, take_look
+from pepper_driver.evaluation.touch.observers import make
+from pepper_driver.evaluation.touch.records import RecordError, RobotRecord, load_robot_record
+from pepper_driver.evaluation.touch.split import Judging, judge
+from pepper_driver.evaluation.touch.takes import TakeSpec, perform
+from pepper_driver.identification import IdentifiedRobot
+
+SUITES = load_touch_suites(load_robot())
+FAILS = 5
+"""Draw of the robot that cannot be identified."""
+
+
+def own_models(name: str) -> Path:
+    """Return a shipped model file."""
+    assert models.__file__ is not None
+    return Path(models.__file__).parent / f"nominal-{name}.json"
+
+
+def identified(
+    uri: str,
+    draws: Sequence[int],
+    *args: object,
+    progress: Callable[[IdentifiedRobot, int, int], None],
+    **kwargs: object,
+) -> tuple[IdentifiedRobot, ...]:
+    """Stand in for an identification of several minutes: shipped models, and a robot that fails."""
+    robots = []
+    for draw in draws:
+        robot = IdentifiedRobot(
+            draw=draw,
+            name=f"random-{draw}",
+            state="identified",
+            file=own_models("fusion"),
+            other_files=(own_models("affine"), own_models("cart")),
+            report={"fit": {"fusion": {"LElbowRoll": {"estimation": 90.0, "test": 80.0}}}},
+        )
+        if draw == FAILS:
+            robot = replace(
+                robot, state="failed", file=None, other_files=(), reason="it broke", report={}
+            )
+        progress(robot, 0, 0)
+        robots.append(robot)
+    return tuple(robots)
+
+
+def two_takes(judging: Judging, draw: int) -> tuple[TakeSpec, ...]:
+    """Return one short take with touches and one without, of the takes of a robot."""
+    takes = plan(judging, draw)
+    touched = next(take for take in takes if take.name == "touch-gesturing-0")
+    free = next(take for take in takes if take.name == "free-gesturing-0")
+    acts = [act for act in touched.acts if act.row.act == "push" and act.row.duration <= 1.0]
+    return replace(touched, acts=tuple(acts[:2])), replace(free, seconds=2.0)
+
+
+plan = Judging.specs
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(split, "identify_population", identified)
+    monkeypatch.setattr(Judging, "specs", two_takes)
+
+
+@pytest.fixture
+def judging(tmp_path: Path) -> Judging:
+    return Judging(
+        suites=SUITES,
+        free=40.0,
+        observers=("fusion", "momentum"),
+        folder=tmp_path / "work",
+        records=tmp_path / "records",
+    )
+
+
+def test_a_robot_is_touched_and_left_alone_and_its_record_kept(
+    judging: Judging, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (record,) = judge(judging, [0], workers=1)
+    assert (record.robot, record.draw, record.law) == ("random 0", 0, "nominal")
+    assert record.fit == {"LElbowRoll": 80.0}
+    touched, free = record.takes
+    assert (touched.suite, len(touched.touches)) == ("touch", 2)
+    assert (free.suite, free.touches) == ("free", ())
+    for take in record.takes:
+        assert list(take.hearings) == ["fusion", "momentum"]
+        assert not any(hearing.failure for hearing in take.hearings.values())
+    assert load_robot_record(judging.records / "random-0.json.gz") == record
+    # A second call takes what is there.
+    monkeypatch.setattr(split, "identify_population", None)
+    monkeypatch.setattr(split, "perform", None)
+    assert judge(judging, [0], workers=1) == (record,)
+
+
+def test_an_interrupted_night_goes_on_with_the_takes_that_it_has(
+    judging: Judging, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    performed: list[str] = []
+
+    def interrupted(spec: TakeSpec, models: Path | None) -> Any:
+        if performed:
+            raise KeyboardInterrupt
+        performed.append(spec.name)
+        return perform(spec, models)
+
+    monkeypatch.setattr(split, "perform", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        judge(judging, [0], workers=1)
+    kept = performed[:]
+
+    def counted(spec: TakeSpec, models: Path | None) -> Any:
+        performed.append(spec.name)
+        return perform(spec, models)
+
+    monkeypatch.setattr(split, "perform", counted)
+    (record,) = judge(judging, [0], workers=1)
+    assert len(kept) == 1
+    assert sorted(performed) == ["free-gesturing-0", "touch-gesturing-0"]
+    assert len(record.takes) == 2
+
+
+def test_another_observer_is_judged_anew(judging: Judging) -> None:
+    judge(judging, [0], workers=1)
+    other = replace(judging, observers=("fusion",))
+    (record,) = judge(other, [0], workers=1)
+    assert list(record.takes[0].hearings) == ["fusion"]
+
+
+def test_a_damaged_record_is_made_again(judging: Judging) -> None:
+    (record,) = judge(judging, [0], workers=1)
+    path = judging.records / "random-0.json.gz"
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(RecordError):
+        load_robot_record(path)
+    assert judge(judging, [0], workers=1) == (record,)
+
+
+def test_a_robot_whose_owner_failed_stays_with_its_touches(judging: Judging) -> None:
+    (record,) = judge(judging, [FAILS], workers=1)
+    assert record.failure == "it broke"
+    assert record.law == "integral"
+    touched, _ = record.takes
+    assert len(touched.touches) == 2
+    assert touched.hearings == {}
+
+
+def test_an_observer_that_fails_says_so_and_the_others_are_judged(
+    judging: Judging, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(name: str, *args: Any, **kwargs: Any) -> Any:
+        if name == "momentum":
+            raise ValueError("no way")
+        return make(name, *args, **kwargs)
+
+    monkeypatch.setattr(split, "make", broken)
+    (record,) = judge(judging, [0], workers=1)
+    assert record.takes[0].hearings["momentum"].failure == "ValueError: no way"
+    assert record.takes[0].hearings["fusion"].failure == ""
+
+
+def test_a_robot_for_tests_is_refused(judging: Judging) -> None:
+    with pytest.raises(HeldOutDrawError):
+        judge(judging, [100], workers=1)
+
+
+# -- looks ------------------------------------------------------------------------------------------------------------
+
+
+def git(root: Path, *arguments: str) -> str:
+    settings = ("-c", "user.name=a", "-c", "user.email=a@b.c", "-c", "commit.gpgsign=false")
+    done = subprocess.run(
+        ["git", *settings, *arguments], cwd=root, check=True, capture_output=True, text=True
+    )
+    return done.stdout.strip()
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    if shutil.which("git") is None:
+        pytest.skip("no git here")
+    root = tmp_path / "repository"
+    root.mkdir()
+    git(root, "init", "-q")
+    (root / "code.py").write_text("pass\n")
+    git(root, "add", "-A")
+    git(root, "commit", "-qm", "first")
+    return root
+
+
+def look(judging: Judging, root: Path, **options: Any) -> tuple[Any, tuple[RobotRecord, ...]]:
+    return take_look(judging, root=root, workers=1, **options)
+
+
+@pytest.fixture
+def two_robots(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Look at two robots for development: those for tests are not looked at to test the code."""
+    monkeypatch.setattr("pepper_driver.evaluation.touch.ledger.ROBOTS", 2)
+    monkeypatch.setattr("pepper_driver.evaluation.touch.ledger.FIRST_DRAW", 40)
+
+
+@pytest.mark.usefixtures("two_robots")
+def test_a_look_has_its_line_from_its_begin_and_is_completed(judging: Judging, root: Path) -> None:
+    lines: list[str] = []
+    line, records = look(
+        judging, root, note="first", begun=lambda _: lines.append((root / LEDGER).read_text())
+    )
+    assert "begun" in lines[0]
+    assert [record.draw for record in records] == [40, 41]
+    assert (line.state, line.draws, line.robots_done, line.note) == (
+        "complete",
+        "40-41",
+        2,
+        "first",
+    )
+    assert line.commit == git(root, "rev-parse", "HEAD")
+    assert line.figures.hours is not None
+    assert records_of_look(root, line) == records
+    with pytest.raises(LedgerError, match="already looked at"):
+        look(judging, root)
+
+
+@pytest.mark.usefixtures("two_robots")
+def test_an_interrupted_look_is_resumed_on_its_line_and_commit(
+    judging: Judging, root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(split, "PART", 1)
+
+    def interrupted(spec: TakeSpec, models: Path | None) -> Any:
+        if spec.draw == 41:
+            raise KeyboardInterrupt
+        return perform(spec, models)
+
+    monkeypatch.setattr(split, "perform", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        look(judging, root)
+    (begun,) = read_ledger(root / LEDGER)
+    assert (begun.state, begun.robots_done) == ("begun", 1)
+    # What the look has kept may be committed meanwhile, and nothing else.
+    git(root, "add", "-A")
+    git(root, "commit", "-qm", "ledger")
+    monkeypatch.setattr(split, "perform", perform)
+    (root / "code.py").write_text("changed\n")
+    with pytest.raises(CommitError, match=r"code\.py"):
+        look(judging, root)
+    git(root, "commit", "-qam", "changed")
+    with pytest.raises(CommitError, match=r"code\.py"):
+        look(judging, root)
+    git(root, "reset", "-q", "--hard", "HEAD~1")
+    line, records = look(judging, root)
+    assert (line.look, line.state, line.commit) == (1, "complete", begun.commit)
+    assert line.begun == begun.begun
+    assert len(records) == 2
+    assert len(read_ledger(root / LEDGER)) == 1

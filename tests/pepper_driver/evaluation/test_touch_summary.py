@@ -1,0 +1,449 @@
+"""Figures of the judge of touch against robots made by hand, whose figures one counts on paper."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from pepper_driver.evaluation.touch.comparison import paired
+from pepper_driver.evaluation.touch.n90 import poisson_interval, wilson_interval
+from pepper_driver.evaluation.touch.records import Hearing, RobotRecord, TorqueEstimate
+from pepper_driver.evaluation.touch.summary import (
+    group_of,
+    main_figures,
+    passing_time,
+    summarise_touch,
+)
+from pepper_driver.evaluation.touch.summary_data import (
+    ObserverSummary,
+    Quantiles,
+    Share,
+    TouchSummary,
+)
+from support.evaluation import ROBOT
+from support.touch_records import FORCES, drawn_robot, robot, take, told, touched
+
+OURS = "fusion"
+
+
+def summed(
+    *records: RobotRecord, observers: tuple[str, ...] = (OURS,), **more: Any
+) -> TouchSummary:
+    return summarise_touch(records, observers, ROBOT, **more)
+
+
+def ours(summary: TouchSummary) -> ObserverSummary:
+    observer = summary.observer(OURS)
+    assert observer is not None
+    return observer
+
+
+def felt_from(least: float, delay: float, *, place: str = "hand", **changes: Any) -> Any:
+    """A take with a touch of each force, told ``delay`` after its onset if it has at least ``least`` newtons."""
+    touches = [touched(5.0 * n, place, force, **changes) for n, force in enumerate(FORCES, 1)]
+    events = [
+        event
+        for n, touch in enumerate(touches)
+        if (touch.force or 0.0) >= least
+        for event in told(n, touch.onset + delay, touch.release + 0.1, touch.limb)
+    ]
+    return touches, events
+
+
+def standing(touches: Any, events: Any = (), **changes: Any) -> Any:
+    return take(touches, {OURS: Hearing(events=tuple(events))}, **changes)
+
+
+# -- shares -----------------------------------------------------------------------------------------------------------
+
+
+def test_states_that_are_pooled_are_counted_once_and_others_not() -> None:
+    touches, events = felt_from(8.0, 0.2)
+    states = (
+        "standing",
+        "after-motion",
+        "attentive",
+        "gesturing",
+        "driving",
+        "reflexes",
+        "lowered",
+    )
+    summary = summed(robot(*(standing(touches, events, state=state) for state in states)))
+    counts = {cell.state: cell.felt for cell in ours(summary).groups}
+    assert counts == {
+        "standing": Share.counted(8, 14),
+        "attentive": Share.counted(4, 7),
+        "in motion": Share.counted(8, 14),
+    }
+    assert {cell.state for cell in ours(summary).cells} == set(states)
+    assert group_of("lowered") == "lowered"
+
+
+def test_a_cell_has_shares_by_force_the_bound_and_n90() -> None:
+    touches, events = felt_from(8.0, 0.2)
+    # A touch that would tip the robot: 20 N were asked for, and 13 acted.
+    touches[5] = replace(touches[5], force=13.0, friction_bound=9.0)
+    cell = ours(summed(robot(standing(touches, events)))).group("nominal", "hand", "standing")
+    assert cell is not None and cell.n90 is not None
+    assert [(one.asked, one.felt.count, one.felt.of) for one in cell.forces] == [
+        (force, int(force >= 8.0), 1) for force in FORCES
+    ]
+    assert [one.acted for one in cell.forces if one.asked == 20.0] == [13.0]
+    assert cell.bound == 6.0
+    assert 5.0 < cell.n90.newtons <= 9.0 and cell.n90.touches == 7
+    assert cell.forces[0].felt == Share(
+        count=0, of=1, share=0.0, low=0.0, high=wilson_interval(0, 1)[1]
+    )
+
+
+def test_rows_are_told_apart_by_law_place_and_group_but_only_where_there_are_two() -> None:
+    tap = {"row": "tap", "asked": 12.0, "rise": 0.02}
+    touches = [
+        touched(5.0, "hand", 12.0, row="tap"),
+        touched(10.0, "head", 10.0, **tap),
+        touched(15.0, "hand", None, row="grip", asked=None, force=7.0, rise=None),
+    ]
+    first = standing(touches, told(1, 5.1, 5.5))
+    second = standing(touches, [*told(1, 5.1, 5.5), *told(2, 10.2, 10.5, "head")], state="driving")
+    rows = ours(summed(robot(first), robot(second, name="b", law="integral"))).rows
+    shares = {(r.row, r.law, r.place, r.state): (r.felt.count, r.felt.of, r.force) for r in rows}
+    assert shares["tap", "all", "all", "all"] == (3, 4, 11.0)
+    assert shares["tap", "nominal", "all", "all"] == (1, 2, 11.0)
+    assert shares["tap", "all", "hand", "all"] == (2, 2, 12.0)
+    assert shares["tap", "integral", "head", "all"] == (1, 1, 10.0)
+    assert shares["tap", "all", "all", "in motion"] == (2, 2, 11.0)
+    assert shares["grip", "all", "all", "standing"] == (0, 1, 7.0)
+    assert not [key for key in shares if key[0] == "grip" and key[2] != "all"]
+
+
+def test_lowered_forces_are_counted_by_place() -> None:
+    touches = [
+        touched(5.0, "trunk", 30.0, force=29.2),
+        touched(10.0, "trunk", 30.0, force=29.0),
+        touched(15.0, "hand", None, force=5.0),
+    ]
+    (lowered,) = summed(robot(standing(touches))).lowered
+    assert (lowered.place, lowered.lowered, lowered.of, lowered.largest) == ("trunk", 1, 2, 29.2)
+
+
+# -- false contacts ---------------------------------------------------------------------------------------------------
+
+
+def test_false_contacts_are_counted_by_suite_law_state_robot_part_and_joint() -> None:
+    wrist = list(told(1, 100.0, 130.0, "right_arm", joint="RWristYaw"))
+    moved = replace(wrist[0], phase="update", time=110.0, joint="RElbowRoll")
+    events = [wrist[0], moved, wrist[1], *told(2, 200.0, 201.0, "trunk")]
+    free = standing((), events, suite="free", state="driving")
+    quiet = standing((), (), suite="free", seconds=1800.0)
+    # 10 s to 11 s and the grace: the left arm is exposed a little less than an hour.
+    touch = standing([touched(10.0)], [*told(1, 11.9, 12.4), *told(2, 10.5, 10.6, "head")])
+    summary = summed(robot(free, quiet), robot(touch, name="b", law="integral"), observers=(OURS,))
+    found = ours(summary)
+    alone = found.false_contacts("free")
+    assert alone is not None
+    assert (alone.begins, alone.moves, alone.events, alone.hours) == (2, 1, 3, 1.5)
+    assert alone.rate.per_hour == 2.0
+    assert (alone.rate.low, alone.rate.high) == poisson_interval(3, 1.5)
+    assert alone.seconds == pytest.approx(31.0)
+    assert alone.seconds_per_hour == pytest.approx(31.0 / 1.5)
+    assert alone.share_of_time == pytest.approx(31.0 / 5400.0)
+    touching = found.false_contacts("touch", "integral")
+    assert touching is not None
+    assert touching.hours == pytest.approx(1.0 - 1.3 / 4.0 / 3600.0)
+    assert (touching.begins, touching.after_release, touching.other_touched) == (2, 1, 1)
+
+    def events_of(by: Any, name: str, **where: Any) -> tuple[int, int] | None:
+        contacts = found.false_contacts(by=by, name=name, **where)
+        return None if contacts is None else (contacts.begins, contacts.moves)
+
+    assert events_of("part", "wrists and hands") == (1, 0)
+    assert events_of("part", "arms") == (1, 1)
+    assert events_of("part", "trunk") == events_of("joint", "trunk") == (1, 0)
+    assert events_of("joint", "WristYaw", law="nominal") == (1, 0)
+    assert events_of("joint", "ElbowRoll") == (0, 1)
+    assert events_of("limb", "right_arm") == (1, 1)
+    assert events_of("state", "driving") == (2, 1)
+    assert events_of("state", "standing", suite="free") == (0, 0)
+    assert events_of("robot", "b") == (2, 0)
+    assert events_of("robot", "b", law="nominal") is None
+    parts = [events_of("part", part) for part in ("arms", "wrists and hands", "head", "trunk")]
+    assert sum(sum(part) for part in parts if part is not None) == 5
+
+
+# -- where, when, how much --------------------------------------------------------------------------------------------
+
+
+def test_places_and_directions_are_scored_at_the_alarm_and_later() -> None:
+    # The torques are 2.0, 1.5 and 0.1 N m on shoulder roll, elbow roll and wrist.
+    touches = [touched(5.0 + 5.0 * n) for n in range(4)]
+    elbow = list(told(1, 5.2, 6.1, joint="LElbowRoll"))
+    update = replace(elbow[0], phase="update", time=5.3, joint="LShoulderRoll", direction=-1)
+    events = [elbow[0], update, elbow[1], *told(2, 10.2, 11.1, joint="LWristYaw")]
+    events += [*told(3, 15.1, 15.2, "head"), *told(4, 15.3, 16.1), *told(5, 20.1, 20.4, "head")]
+    (where, nominal) = ours(summed(robot(standing(touches, events)))).located
+    assert (where.law, nominal.law) == ("all", "nominal")
+    assert (where.first_limb.count, where.first_limb.of) == (2, 4)
+    assert (where.joint.count, where.joint.of) == (2, 3)
+    assert (where.largest.count, where.largest.of) == (1, 3)
+    assert (where.joint_later.count, where.largest_later.count) == (2, 2)
+    # The wrist has too little torque to have a direction.
+    assert (where.direction.count, where.direction.of) == (2, 2)
+    assert (where.direction_later.count, where.direction_later.of) == (1, 2)
+
+
+@pytest.mark.parametrize(
+    ("force", "newtons", "time"),
+    [(20.0, 10.0, 0.05), (10.0, 10.0, 0.1), (40.0, 10.0, 0.1 / 3.0), (10.0, 0.0, 0.0)],
+)
+def test_a_force_rises_along_half_a_cosine(force: float, newtons: float, time: float) -> None:
+    assert passing_time(force, 0.1, newtons) == pytest.approx(time)
+    # As the simulation pushes: F / 2 (1 - cos(pi t / rise)).
+    assert force / 2.0 * (1.0 - math.cos(math.pi * time / 0.1)) == pytest.approx(newtons)
+
+
+def test_delays_of_slow_touches_count_from_where_the_force_passes_n90() -> None:
+    touches, events = felt_from(8.0, 0.2)
+    held = touched(100.0, force=12.0, standing_start=True)
+    grip = touched(110.0, force=12.0, rise=None, row="grip")
+    tap = touched(120.0, force=12.0, rise=0.05, row="tap")
+    missed = touched(130.0, force=12.0, rise=0.02, row="tap")
+    later = (event for n in (100, 110, 120) for event in told(n, n + 0.3, n + 0.9))
+    found = ours(summed(robot(standing([*touches, held, grip, tap, missed], [*events, *later]))))
+    cell = found.cell("nominal", "hand", "standing")
+    assert cell is not None and cell.n90 is not None
+    limit = cell.n90.newtons
+    delays = found.delays[0]
+    assert delays.fast == Quantiles(count=1, of=2, p10=0.3, median=0.3, p90=0.3) or (
+        delays.fast.median == pytest.approx(0.3) and delays.fast.of == 2
+    )
+    expected = sorted(0.2 - passing_time(f, 0.1, limit) for f in FORCES if f >= limit)
+    assert (delays.slow.count, delays.slow.of) == (len(expected), len(expected)) == (4, 4)
+    assert delays.slow.median == pytest.approx((expected[1] + expected[2]) / 2.0)
+    strong = [f for f in FORCES if f >= 2.0 * limit]
+    assert delays.strong.of == len(strong) + 2 * (12.0 >= 2.0 * limit)
+
+
+def test_nothing_passes_an_n90_that_is_not_reached() -> None:
+    touches, events = felt_from(30.0, 0.2)
+    found = ours(summed(robot(standing(touches, events), standing(touches))))
+    cell = found.cell("nominal", "hand", "standing")
+    assert cell is not None and cell.n90 is not None
+    assert cell.n90.text == cell.n90.worst_text == "> 30"
+    assert found.delays[0].slow == found.delays[0].strong == Quantiles.among([], 0)
+
+
+def test_ends_count_where_no_other_touch_of_the_limb_is_near() -> None:
+    touches = [
+        touched(5.0),
+        touched(20.0),
+        touched(22.0),
+        touched(40.0),
+        touched(50.0),
+        touched(60.0),
+    ]
+    events = [*told(1, 5.2, 6.15), *told(2, 20.2, 21.9), *told(3, 40.2, 40.5), *told(4, 60.2, None)]
+    (ends, _) = ours(summed(robot(standing(touches, events)))).ends
+    assert (ends.error.count, ends.error.of, ends.open) == (2, 3, 1)
+    assert ends.error.median == pytest.approx((0.15 - 0.5) / 2.0)
+    assert (ends.early.count, ends.early.of) == (1, 2)
+
+
+def test_torques_are_compared_over_all_pairs() -> None:
+    pairs = [(1.0, 1.5), (-2.0, -2.5), (3.0, 3.0)]
+    torques = tuple(
+        TorqueEstimate(touch=0, joint="LElbowRoll", true=true, estimate=estimate)
+        for true, estimate in pairs
+    )
+    hearing = Hearing(events=tuple(told(1, 5.2, 6.1)), torques=torques)
+    (torque, _) = ours(summed(robot(take([touched(5.0)], {OURS: hearing})))).torques
+    assert torque.pairs == 3
+    assert torque.rmse == pytest.approx(math.sqrt(0.5 / 3.0))
+    mean = 2.0 / 3.0
+    assert torque.r2 == pytest.approx(1.0 - 0.5 / sum((true - mean) ** 2 for true, _ in pairs))
+
+
+def test_touches_at_rest_and_in_motion_are_told_apart() -> None:
+    touches = [touched(5.0 * n, moving=n > 1) for n in range(1, 5)]
+    (motion, _) = ours(summed(robot(standing(touches, told(1, 10.2, 11.0))))).motion
+    assert (motion.rest.of, motion.rest.count) == (1, 0)
+    assert (motion.moving.of, motion.moving.count) == (3, 1)
+
+
+# -- what is missing --------------------------------------------------------------------------------------------------
+
+
+def test_touches_of_a_robot_that_could_not_be_identified_are_not_felt() -> None:
+    touches, events = felt_from(3.0, 0.2)
+    good = robot(standing(touches, events), fit={"HeadYaw": 90.0, "HeadPitch": 94.0})
+    bad = robot(take(touches, state="standing"), name="b", failure="too little motion")
+    summary = summed(good, bad)
+    found = ours(summary)
+    assert found.felt() == Share.counted(6, 14)
+    cell = found.group("nominal", "hand", "standing")
+    assert cell is not None and cell.n90 is not None
+    assert cell.n90.worst_robot == "b" and cell.n90.worst_text == "> 30"
+    contacts = found.false_contacts()
+    assert contacts is not None and contacts.hours == pytest.approx(1.0, rel=0.01)
+    assert [r.failure for r in summary.robots] == ["", "too little motion"]
+    assert [r.fit for r in summary.robots] == [92.0, None]
+    assert [r.identified for r in found.robots] == [True, False]
+
+
+def test_an_observer_that_did_not_see_a_robot_has_no_figure_of_it() -> None:
+    touches, events = felt_from(3.0, 0.2)
+    heard = Hearing(events=tuple(events))
+    both = robot(take(touches, {OURS: heard, "momentum": Hearing()}))
+    half = robot(
+        take(touches, {OURS: heard, "momentum": heard}), take(touches, {OURS: heard}), name="b"
+    )
+    failed = robot(take(touches), name="c", failure="too little motion")
+    summary = summed(both, half, failed, observers=(OURS, "momentum", "oracle"))
+    momentum = summary.observer("momentum")
+    assert momentum is not None
+    assert momentum.left_out == ("b",)
+    assert momentum.felt() == Share.counted(0, 14)
+    assert ours(summary).felt() == Share.counted(18, 28)
+    assert summary.observer("oracle") is None
+    assert summary.observers[2].left_out == ("random 0", "b", "c")
+    assert summary.observer("nobody") is None
+
+
+def test_an_observer_that_fails_has_felt_nothing_and_no_hours() -> None:
+    touches, _ = felt_from(3.0, 0.2)
+    lost = take(touches, {OURS: Hearing(failure="ValueError: no")})
+    found = ours(summed(robot(lost, standing((), suite="free"))))
+    assert found.failures == {"ValueError: no": 1}
+    assert found.felt() == Share.counted(0, 7)
+    contacts = found.false_contacts()
+    assert contacts is not None and contacts.hours == 1.0
+
+
+def test_takes_that_failed_or_were_drawn_again_are_told() -> None:
+    lost = take(
+        state="driving",
+        failure="it tipped",
+        seconds=0.0,
+        planned=(("even", "hand", 8.0), ("even", "head", 8.0)),
+    )
+    again = standing((), suite="free", redrawn=2, reasons=("it tipped", "it tipped"))
+    (one,) = summed(robot(lost, again)).robots
+    assert one.failed_takes == {"touch driving 0": "it tipped"}
+    assert (one.failed_touches, one.takes, one.redrawn, one.hours) == (2, 1, 1, 1.0)
+    assert one.redraws == {"it tipped": 2}
+
+
+@pytest.mark.parametrize("records", [(), (robot(standing((), suite="free")),), (robot(),)])
+def test_without_touches_there_are_no_figures_of_touches(records: tuple[RobotRecord, ...]) -> None:
+    summary = summed(*records)
+    observer = summary.observer(OURS)
+    assert (observer is None) == (not records)
+    if observer is not None:
+        assert observer.groups == observer.cells == observer.located == observer.rows == ()
+        assert observer.felt() == Share.counted(0, 0) and observer.felt().share is None
+    json.dumps(summary.as_json(), allow_nan=False)
+    assert main_figures(records).n90_standing_nominal is None
+
+
+def test_touches_of_a_log_are_scored_without_force_or_law() -> None:
+    values: dict[str, Any] = {"row": "log", "rise": None, "torque": {}, "friction_bound": None}
+    touches = [touched(5.0, force=None, **values), touched(10.0, force=None, **values)]
+    log = robot(standing(touches, told(1, 5.2, 6.0), state="log"), law=None, draw=None)
+    summary = summed(log)
+    (cell,) = ours(summary).cells
+    assert (cell.law, cell.state, cell.felt.count, cell.felt.of) == ("unknown", "log", 1, 2)
+    assert cell.n90 is None and cell.forces == () and cell.bound is None
+    assert ours(summary).located[0].joint == Share.counted(0, 0)
+    assert ours(summary).delays[0].fast.of == 0
+    json.dumps(summary.as_json(), allow_nan=False)
+
+
+# -- many robots ------------------------------------------------------------------------------------------------------
+
+
+def split(robots: int = 6) -> list[RobotRecord]:
+    """Robots of both laws; half of the touches of a hand are felt at 5 N (nominal) or 3 N."""
+    records = []
+    for number in range(robots):
+        hand = 3.0 if number % 2 else 5.0
+        places = {
+            "hand": {OURS: hand, "fusion-without-twin": 2.0 * hand},
+            "trunk": {OURS: math.inf, "fusion-without-twin": math.inf},
+        }
+        records.append(
+            drawn_robot(
+                number,
+                "integral" if number % 2 else "nominal",
+                {state: places for state in ("standing", "after-motion", "gesturing")},
+                false={OURS: 2.0, "fusion-without-twin": 12.0},
+                forces=[force for force in FORCES for _ in range(6)],
+                free_hours=2.0,
+                spread=0.0,
+            )
+        )
+    return records
+
+
+def test_n90_of_robots_drawn_from_known_curves() -> None:
+    records = split()
+    summary = summed(*records, observers=(OURS, "fusion-without-twin"))
+    for law, middle in (("nominal", 5.0), ("integral", 3.0)):
+        cell = ours(summary).group(law, "hand", "standing")
+        assert cell is not None and cell.n90 is not None and cell.n90.low is not None
+        assert cell.n90.newtons == pytest.approx(middle * 9.0**0.25, rel=0.2)
+        trunk = ours(summary).group(law, "trunk", "in motion")
+        assert trunk is not None and trunk.n90 is not None and trunk.n90.text == "> 30"
+    other = summary.observer("fusion-without-twin")
+    assert other is not None
+    assert other.cells == () and len(other.groups) == len(ours(summary).groups)
+    assert len(ours(summary).cells) == 2 * 2 * 3
+
+    figures = main_figures(records)
+    cell = ours(summary).group("integral", "hand", "in motion")
+    assert cell is not None and cell.n90 is not None
+    assert figures.n90_moving_integral == cell.n90.newtons
+    free = ours(summary).false_contacts("free")
+    assert free is not None
+    assert (figures.false_contacts, figures.hours) == (free.events, pytest.approx(36.0))
+
+    data = json.loads(json.dumps(summary.as_json(), allow_nan=False))
+    trunk = next(c for c in data["observers"][0]["groups"] if c["place"] == "trunk")
+    assert trunk["n90"]["newtons"] is None and trunk["n90"]["text"] == "> 30"
+
+
+def test_observers_are_compared_robot_by_robot() -> None:
+    records = split()
+    summary = summed(*records, observers=(OURS, "fusion-without-twin"))
+    other = summary.observer("fusion-without-twin")
+    assert other is not None
+    pair = paired(ours(summary), other)
+    assert pair.robots == 6 and pair.felt is not None and pair.false_per_hour is not None
+    mine, theirs = ours(summary).felt().share, other.felt().share
+    assert mine is not None and theirs is not None
+    assert pair.felt.value == pytest.approx(theirs - mine)
+    assert pair.felt.high is not None and pair.felt.high < 0.0
+    assert pair.false_per_hour.low is not None and pair.false_per_hour.low > 0.0
+    rates = [o.false_contacts() for o in (ours(summary), other)]
+    a, b = (one.rate.per_hour for one in rates if one is not None)
+    assert a is not None and b is not None
+    assert pair.false_per_hour.value == pytest.approx(b - a)
+    same = paired(ours(summary), ours(summary), "nominal")
+    assert same.robots == 3 and same.felt is not None
+    assert (same.felt.value, same.felt.low, same.felt.high) == (0.0, 0.0, 0.0)
+
+
+def test_of_one_robot_a_difference_has_no_interval_and_of_none_there_is_none() -> None:
+    touches, events = felt_from(8.0, 0.2)
+    hearings = {OURS: Hearing(events=tuple(events)), "error": Hearing()}
+    bad = robot(take(touches), name="b", failure="too little motion")
+    summary = summed(robot(take(touches, hearings)), bad, observers=(OURS, "error"))
+    other = summary.observer("error")
+    assert other is not None
+    pair = paired(ours(summary), other)
+    assert pair.robots == 1 and pair.felt is not None
+    assert (pair.felt.value, pair.felt.low, pair.felt.high) == (pytest.approx(-4 / 7), None, None)
+    nothing = paired(ours(summary), other, "integral")
+    assert (nothing.robots, nothing.felt, nothing.false_per_hour) == (0, None, None)
