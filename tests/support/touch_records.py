@@ -39,7 +39,9 @@ TORQUES = {
 """By limb, what a touch does to its joints [N m]."""
 
 
-def touched(onset: float, place: str = "hand", force: float | None = 8.0, **changes: Any) -> Touched:
+def touched(
+    onset: float, place: str = "hand", asked: float | None = 8.0, **changes: Any
+) -> Touched:
     """A touch of one second."""
     limb, link = LINKS[place]
     values: dict[str, Any] = {
@@ -47,8 +49,8 @@ def touched(onset: float, place: str = "hand", force: float | None = 8.0, **chan
         "place": place,
         "limb": limb,
         "link": link,
-        "asked": force,
-        "force": force,
+        "asked": asked,
+        "force": asked,
         "rise": 0.1,
         "onset": onset,
         "release": onset + 1.0,
@@ -132,7 +134,7 @@ def drawn_robot(
             for force in forces
         ]
         touches += [
-            touched(0.0, place, **{"force": 12.0, "asked": 12.0, "row": row, **changes})
+            touched(0.0, place, **{"asked": 12.0, "row": row, **changes})
             for row, changes in (rows or {}).items()
             for place in places
         ]
@@ -182,7 +184,10 @@ def _drawn(
         if rng.random() < share:
             delay = float(rng.uniform(0.1, 0.25)) if touch.release - touch.onset > 0.3 else 0.1
             events += told(
-                number, touch.onset + delay, touch.release + float(rng.uniform(0.02, 0.2)), touch.limb
+                number,
+                touch.onset + delay,
+                touch.release + float(rng.uniform(0.02, 0.2)),
+                touch.limb,
             )
             torques += [
                 TorqueEstimate(

@@ -46,7 +46,7 @@ def paired(ours: ObserverSummary, other: ObserverSummary, law: str = ALL) -> Pai
     pairs = [
         (robot, others[robot.robot])
         for robot in ours.robots
-        if robot.identified and robot.robot in others and law in (ALL, robot.law)
+        if robot.robot in others and law in (ALL, robot.law)
     ]
     return Paired(
         law=law,

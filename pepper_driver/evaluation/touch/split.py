@@ -125,7 +125,9 @@ def judge(
         OutputError: A folder cannot be written to.
     """
     for draw in sorted(draws, reverse=True):
-        load_plant(judging.suites.population, load_robot(), draw=draw)  # refused before anything is written
+        load_plant(
+            judging.suites.population, load_robot(), draw=draw
+        )  # refused before anything is written
     for folder in (judging.folder, judging.records):
         make_folder(folder)
     key = judging.key()

@@ -200,7 +200,7 @@ class FalseGroup:
 
 @dataclass(frozen=True, kw_only=True)
 class Located:
-    """Where felt touches of the row of N90 were told to be: at the alarm, and 150 ms later.
+    """Limb, joint and direction of felt touches of the row of N90: at the alarm, and 150 ms later.
 
     Attributes:
         law: Of the robots.

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -187,7 +189,8 @@ def perform(spec: TakeSpec, models: Path | None) -> Performance:
     for again in range(REDRAWS + 1):
         drawn = replace(spec, seed=(*spec.seed[:-1], spec.seed[-1] + again * REDRAWN))
         try:
-            done = _Stage(drawn, models).perform()
+            with _without_warnings():
+                done = _Stage(drawn, models).perform()
         except (_TakeError, FaultError, BackendError) as error:
             reasons.append(" ".join(str(error).split()))
             continue
@@ -202,6 +205,18 @@ def perform(spec: TakeSpec, models: Path | None) -> Performance:
         planned=planned,
     )
     return Performance(take=take, recording=None, true_torque=np.empty((0, 0)))
+
+
+@contextmanager
+def _without_warnings() -> Iterator[None]:
+    """Keep quiet what people cause on purpose, such as a bumper that is pressed."""
+    log = logging.getLogger("pepper_driver")
+    level = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
 
 
 def _record(spec: TakeSpec, start: float, end: float, touched: Sequence[Touched]) -> Take:

@@ -88,24 +88,25 @@ def test_a_cell_has_shares_by_force_the_bound_and_n90() -> None:
     # A touch that would tip the robot: 20 N were asked for, and 13 acted.
     touches[5] = replace(touches[5], force=13.0, friction_bound=9.0)
     cell = ours(summed(robot(standing(touches, events)))).group("nominal", "hand", "standing")
-    assert cell is not None and cell.n90 is not None
+    assert cell is not None
+    assert cell.n90 is not None
     assert [(one.asked, one.felt.count, one.felt.of) for one in cell.forces] == [
         (force, int(force >= 8.0), 1) for force in FORCES
     ]
     assert [one.acted for one in cell.forces if one.asked == 20.0] == [13.0]
     assert cell.bound == 6.0
-    assert 5.0 < cell.n90.newtons <= 9.0 and cell.n90.touches == 7
+    assert 5.0 < cell.n90.newtons <= 9.0
+    assert cell.n90.touches == 7
     assert cell.forces[0].felt == Share(
         count=0, of=1, share=0.0, low=0.0, high=wilson_interval(0, 1)[1]
     )
 
 
 def test_rows_are_told_apart_by_law_place_and_group_but_only_where_there_are_two() -> None:
-    tap = {"row": "tap", "asked": 12.0, "rise": 0.02}
     touches = [
         touched(5.0, "hand", 12.0, row="tap"),
-        touched(10.0, "head", 10.0, **tap),
-        touched(15.0, "hand", None, row="grip", asked=None, force=7.0, rise=None),
+        touched(10.0, "head", 12.0, row="tap", force=10.0),
+        touched(15.0, "hand", None, row="grip", force=7.0, rise=None),
     ]
     first = standing(touches, told(1, 5.1, 5.5))
     second = standing(touches, [*told(1, 5.1, 5.5), *told(2, 10.2, 10.5, "head")], state="driving")
@@ -207,31 +208,32 @@ def test_a_force_rises_along_half_a_cosine(force: float, newtons: float, time: f
 
 def test_delays_of_slow_touches_count_from_where_the_force_passes_n90() -> None:
     touches, events = felt_from(8.0, 0.2)
-    held = touched(100.0, force=12.0, standing_start=True)
-    grip = touched(110.0, force=12.0, rise=None, row="grip")
-    tap = touched(120.0, force=12.0, rise=0.05, row="tap")
-    missed = touched(130.0, force=12.0, rise=0.02, row="tap")
+    held = touched(100.0, asked=12.0, standing_start=True)
+    grip = touched(110.0, asked=12.0, rise=None, row="grip")
+    tap = touched(120.0, asked=12.0, rise=0.05, row="tap")
+    missed = touched(130.0, asked=12.0, rise=0.02, row="tap")
     later = (event for n in (100, 110, 120) for event in told(n, n + 0.3, n + 0.9))
     found = ours(summed(robot(standing([*touches, held, grip, tap, missed], [*events, *later]))))
     cell = found.cell("nominal", "hand", "standing")
-    assert cell is not None and cell.n90 is not None
+    assert cell is not None
+    assert cell.n90 is not None
     limit = cell.n90.newtons
     delays = found.delays[0]
-    assert delays.fast == Quantiles(count=1, of=2, p10=0.3, median=0.3, p90=0.3) or (
-        delays.fast.median == pytest.approx(0.3) and delays.fast.of == 2
-    )
+    assert delays.fast.median == pytest.approx(0.3)
+    assert (delays.fast.count, delays.fast.of) == (1, 2)
     expected = sorted(0.2 - passing_time(f, 0.1, limit) for f in FORCES if f >= limit)
     assert (delays.slow.count, delays.slow.of) == (len(expected), len(expected)) == (4, 4)
     assert delays.slow.median == pytest.approx((expected[1] + expected[2]) / 2.0)
     strong = [f for f in FORCES if f >= 2.0 * limit]
-    assert delays.strong.of == len(strong) + 2 * (12.0 >= 2.0 * limit)
+    assert delays.strong.of == len(strong) + 2 * (2.0 * limit <= 12.0)
 
 
 def test_nothing_passes_an_n90_that_is_not_reached() -> None:
     touches, events = felt_from(30.0, 0.2)
     found = ours(summed(robot(standing(touches, events), standing(touches))))
     cell = found.cell("nominal", "hand", "standing")
-    assert cell is not None and cell.n90 is not None
+    assert cell is not None
+    assert cell.n90 is not None
     assert cell.n90.text == cell.n90.worst_text == "> 30"
     assert found.delays[0].slow == found.delays[0].strong == Quantiles.among([], 0)
 
@@ -284,10 +286,13 @@ def test_touches_of_a_robot_that_could_not_be_identified_are_not_felt() -> None:
     found = ours(summary)
     assert found.felt() == Share.counted(6, 14)
     cell = found.group("nominal", "hand", "standing")
-    assert cell is not None and cell.n90 is not None
-    assert cell.n90.worst_robot == "b" and cell.n90.worst_text == "> 30"
+    assert cell is not None
+    assert cell.n90 is not None
+    assert cell.n90.worst_robot == "b"
+    assert cell.n90.worst_text == "> 30"
     contacts = found.false_contacts()
-    assert contacts is not None and contacts.hours == pytest.approx(1.0, rel=0.01)
+    assert contacts is not None
+    assert contacts.hours == pytest.approx(1.0, rel=0.01)
     assert [r.failure for r in summary.robots] == ["", "too little motion"]
     assert [r.fit for r in summary.robots] == [92.0, None]
     assert [r.identified for r in found.robots] == [True, False]
@@ -319,7 +324,8 @@ def test_an_observer_that_fails_has_felt_nothing_and_no_hours() -> None:
     assert found.failures == {"ValueError: no": 1}
     assert found.felt() == Share.counted(0, 7)
     contacts = found.false_contacts()
-    assert contacts is not None and contacts.hours == 1.0
+    assert contacts is not None
+    assert contacts.hours == 1.0
 
 
 def test_takes_that_failed_or_were_drawn_again_are_told() -> None:
@@ -342,20 +348,24 @@ def test_without_touches_there_are_no_figures_of_touches(records: tuple[RobotRec
     observer = summary.observer(OURS)
     assert (observer is None) == (not records)
     if observer is not None:
-        assert observer.groups == observer.cells == observer.located == observer.rows == ()
-        assert observer.felt() == Share.counted(0, 0) and observer.felt().share is None
+        assert not any((observer.groups, observer.cells, observer.rows))
+        assert observer.located[0].first_limb == Share.counted(0, 0)
+        assert observer.felt() == Share.counted(0, 0)
+        assert observer.felt().share is None
     json.dumps(summary.as_json(), allow_nan=False)
     assert main_figures(records).n90_standing_nominal is None
 
 
 def test_touches_of_a_log_are_scored_without_force_or_law() -> None:
     values: dict[str, Any] = {"row": "log", "rise": None, "torque": {}, "friction_bound": None}
-    touches = [touched(5.0, force=None, **values), touched(10.0, force=None, **values)]
+    touches = [touched(5.0, asked=None, **values), touched(10.0, asked=None, **values)]
     log = robot(standing(touches, told(1, 5.2, 6.0), state="log"), law=None, draw=None)
     summary = summed(log)
     (cell,) = ours(summary).cells
     assert (cell.law, cell.state, cell.felt.count, cell.felt.of) == ("unknown", "log", 1, 2)
-    assert cell.n90 is None and cell.forces == () and cell.bound is None
+    assert cell.n90 is None
+    assert cell.forces == ()
+    assert cell.bound is None
     assert ours(summary).located[0].joint == Share.counted(0, 0)
     assert ours(summary).delays[0].fast.of == 0
     json.dumps(summary.as_json(), allow_nan=False)
@@ -392,26 +402,34 @@ def test_n90_of_robots_drawn_from_known_curves() -> None:
     summary = summed(*records, observers=(OURS, "fusion-without-twin"))
     for law, middle in (("nominal", 5.0), ("integral", 3.0)):
         cell = ours(summary).group(law, "hand", "standing")
-        assert cell is not None and cell.n90 is not None and cell.n90.low is not None
+        assert cell is not None
+        assert cell.n90 is not None
+        assert cell.n90.low is not None
         assert cell.n90.newtons == pytest.approx(middle * 9.0**0.25, rel=0.2)
         trunk = ours(summary).group(law, "trunk", "in motion")
-        assert trunk is not None and trunk.n90 is not None and trunk.n90.text == "> 30"
+        assert trunk is not None
+        assert trunk.n90 is not None
+        assert trunk.n90.text == "> 30"
     other = summary.observer("fusion-without-twin")
     assert other is not None
-    assert other.cells == () and len(other.groups) == len(ours(summary).groups)
+    assert other.cells == ()
+    assert len(other.groups) == len(ours(summary).groups)
     assert len(ours(summary).cells) == 2 * 2 * 3
 
     figures = main_figures(records)
     cell = ours(summary).group("integral", "hand", "in motion")
-    assert cell is not None and cell.n90 is not None
+    assert cell is not None
+    assert cell.n90 is not None
     assert figures.n90_moving_integral == cell.n90.newtons
     free = ours(summary).false_contacts("free")
     assert free is not None
-    assert (figures.false_contacts, figures.hours) == (free.events, pytest.approx(36.0))
+    assert figures.false_contacts == free.events
+    assert figures.hours == pytest.approx(36.0)
 
     data = json.loads(json.dumps(summary.as_json(), allow_nan=False))
     trunk = next(c for c in data["observers"][0]["groups"] if c["place"] == "trunk")
-    assert trunk["n90"]["newtons"] is None and trunk["n90"]["text"] == "> 30"
+    assert trunk["n90"]["newtons"] is None
+    assert trunk["n90"]["text"] == "> 30"
 
 
 def test_observers_are_compared_robot_by_robot() -> None:
@@ -420,18 +438,25 @@ def test_observers_are_compared_robot_by_robot() -> None:
     other = summary.observer("fusion-without-twin")
     assert other is not None
     pair = paired(ours(summary), other)
-    assert pair.robots == 6 and pair.felt is not None and pair.false_per_hour is not None
+    assert pair.robots == 6
+    assert pair.felt is not None
+    assert pair.false_per_hour is not None
     mine, theirs = ours(summary).felt().share, other.felt().share
-    assert mine is not None and theirs is not None
+    assert mine is not None
+    assert theirs is not None
     assert pair.felt.value == pytest.approx(theirs - mine)
-    assert pair.felt.high is not None and pair.felt.high < 0.0
-    assert pair.false_per_hour.low is not None and pair.false_per_hour.low > 0.0
+    assert pair.felt.high is not None
+    assert pair.felt.high < 0.0
+    assert pair.false_per_hour.low is not None
+    assert pair.false_per_hour.low > 0.0
     rates = [o.false_contacts() for o in (ours(summary), other)]
     a, b = (one.rate.per_hour for one in rates if one is not None)
-    assert a is not None and b is not None
+    assert a is not None
+    assert b is not None
     assert pair.false_per_hour.value == pytest.approx(b - a)
     same = paired(ours(summary), ours(summary), "nominal")
-    assert same.robots == 3 and same.felt is not None
+    assert same.robots == 3
+    assert same.felt is not None
     assert (same.felt.value, same.felt.low, same.felt.high) == (0.0, 0.0, 0.0)
 
 
@@ -443,7 +468,9 @@ def test_of_one_robot_a_difference_has_no_interval_and_of_none_there_is_none() -
     other = summary.observer("error")
     assert other is not None
     pair = paired(ours(summary), other)
-    assert pair.robots == 1 and pair.felt is not None
-    assert (pair.felt.value, pair.felt.low, pair.felt.high) == (pytest.approx(-4 / 7), None, None)
+    assert pair.robots == 1
+    assert pair.felt is not None
+    assert pair.felt.value == pytest.approx(-4 / 7)
+    assert (pair.felt.low, pair.felt.high) == (None, None)
     nothing = paired(ours(summary), other, "integral")
     assert (nothing.robots, nothing.felt, nothing.false_per_hour) == (0, None, None)

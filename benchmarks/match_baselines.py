@@ -1,0 +1,92 @@
+"""Choice of the factors in ``config/evaluation_baselines.yaml``: baselines at the false contacts of our own observer.
+
+Robots of the development split are left alone, standing and moving, as `pepper evaluate --split development` does. For
+each baseline with a constant threshold the factor is the smallest of FACTORS with which it has no more false contacts
+(begins and moves) than `fusion` on the same ticks; the largest where none is enough. They are chosen once, before the
+first look at the test split. Takes that are over are kept: the same command goes on after Ctrl-C.
+Run: python benchmarks/match_baselines.py --draws 0-7
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from pepper_driver import PepperError
+from pepper_driver.cli.console import make_progress
+from pepper_driver.cli.evaluate_split import DEFAULT_FOLDER
+from pepper_driver.config import load_robot
+from pepper_driver.config.evaluation_baselines import STATIC_BASELINES
+from pepper_driver.config.population import parse_draws
+from pepper_driver.config.touch_suites import load_touch_suites
+from pepper_driver.evaluation.touch.observers import FUSION
+from pepper_driver.evaluation.touch.split import Judging, judge
+from pepper_driver.evaluation.touch.summary import summarise_touch
+from pepper_driver.evaluation.touch.summary_data import TouchSummary
+
+FACTORS = (1.0, 1.5, 2.0, 3.0, 4.5, 7.0, 10.0)
+
+
+def false_contacts(summary: TouchSummary, observer: str) -> int:
+    """Return the false begins and moves of an observer on all robots."""
+    found = summary.observer(observer)
+    false = None if found is None else found.false_contacts()
+    if false is None:
+        raise PepperError(f"{observer} was judged on no robot")
+    return false.events
+
+
+def main() -> int:
+    """Judge, and print the counts and the factors."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
+    parser.add_argument("--draws", default="0-7", help="robots of the development split")
+    parser.add_argument("--workers", type=int, default=-1)
+    parser.add_argument(
+        "--folder", type=Path, default=DEFAULT_FOLDER, help="keeps models and takes"
+    )
+    options = parser.parse_args()
+    robot, console = load_robot(), Console()
+    suites = load_touch_suites(robot)
+    grid = {name: [f"{name}@{factor:g}" for factor in FACTORS] for name in STATIC_BASELINES}
+    observers = (FUSION, *(name for names in grid.values() for name in names))
+    judging = Judging(
+        suites=suites,
+        free=suites.splits["development"].free,
+        observers=observers,
+        folder=options.folder,
+        records=options.folder / "matching",
+        touch=False,
+    )
+    with make_progress(console, count=True) as progress:
+        bar = progress.add_task("judging", total=None)
+        records = judge(
+            judging,
+            parse_draws(options.draws),
+            workers=options.workers,
+            progress=lambda what, done, total: progress.update(bar, completed=done, total=total),
+        )
+    summary = summarise_touch(records, observers, robot, suites=suites, by_state=())
+    ours = false_contacts(summary, FUSION)
+    hours = sum(take.seconds for record in records for take in record.takes) / 3600.0
+    table = Table(title=f"false contacts in {hours:.2f} h without touch; {FUSION}: {ours}")
+    for name in ("baseline", *(f"{factor:g}" for factor in FACTORS), "chosen"):
+        table.add_column(name, justify="left" if name == "baseline" else "right")
+    for name, names in grid.items():
+        counts = [false_contacts(summary, one) for one in names]
+        chosen = next(
+            (f for f, count in zip(FACTORS, counts, strict=True) if count <= ours), FACTORS[-1]
+        )
+        table.add_row(name, *map(str, counts), f"{chosen:g}")
+    console.print(table)
+    return 0
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except PepperError as error:
+        sys.exit(f"match_baselines: {error}")
