@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -9,7 +10,7 @@ from pathlib import Path
 
 from pepper_driver.backends import make_backend
 from pepper_driver.config import Experiment, RobotConfig, load_plant, load_robot
-from pepper_driver.config.cluster import environment
+from pepper_driver.config.cluster import Cluster, environment
 from pepper_driver.config.evaluation_baselines import load_evaluation_baselines
 from pepper_driver.config.experiment import load_experiment
 from pepper_driver.config.file_lock import lock_folder
@@ -34,11 +35,15 @@ from pepper_driver.evaluation.touch.takes import TakeSpec, perform, plan_takes
 from pepper_driver.identification import IdentifiedRobot, identify_population
 from pepper_driver.observer import ModelKind
 
-PART = 4
-"""Robots that are judged together: a part, after which nothing is lost."""
+PART = 2
+"""Robots that are judged together at least, and kept together: some 40 minutes of two cores. With more processes as many
+robots as these, so that each identifies one."""
 
 EXPERIMENT, CALIBRATION = "identify", "calibration_motion"
 """Motions by which an owner identifies a robot: those of ``pepper identify``."""
+
+IN_FLIGHT_ROBOTS = 20
+"""Of a part on a cluster, whose workers may come later."""
 
 QUICK_STRIDE, QUICK_TOUCHES = 9, 5
 """Of a quick check: each ninth take, with so many touches."""
@@ -139,8 +144,9 @@ def judge(
                 if kept is not None:
                     kept(record)
         left = [draw for draw in draws if draw not in done]
-        for start in range(0, len(left), PART):
-            part = left[start : start + PART]
+        size = _part_size(workers)
+        for start in range(0, len(left), size):
+            part = left[start : start + size]
             for record in _judge_part(judging, part, key, workers, progress):
                 assert record.draw is not None
                 save_robot(record, _record_path(judging, record.draw))
@@ -148,6 +154,12 @@ def judge(
                 if kept is not None:
                     kept(record)
     return tuple(done[draw] for draw in draws)
+
+
+def _part_size(workers: Workers) -> int:
+    if isinstance(workers, Cluster):
+        return IN_FLIGHT_ROBOTS
+    return max(PART, workers if workers > 0 else os.cpu_count() or 1)
 
 
 def _record_path(judging: Judging, draw: int) -> Path:
