@@ -30,8 +30,8 @@ LAPSES = (0.0, 0.01, 0.02, 0.05, 0.08, 0.15, 0.25, 0.4)
 """Shares of touches that are not felt at any force."""
 
 LAPSE_PRIOR = 10.0
-"""Few touches do not tell a lapse rate from a flat curve. It counts as if so many more touches, of any strength, had been
-felt: a rate of a tenth then costs one unit of log likelihood, which a hundred touches outweigh."""
+"""Few touches do not tell a lapse rate from a flat curve. It counts as if so many more touches, of any strength, had
+been felt: a rate of a tenth then costs one unit of log likelihood, which a hundred touches outweigh."""
 
 RESAMPLES = 400
 SEED = 90

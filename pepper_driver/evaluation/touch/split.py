@@ -36,7 +36,7 @@ from pepper_driver.identification import IdentifiedRobot, identify_population
 from pepper_driver.observer import ModelKind
 
 PART = 2
-"""Robots that are judged together at least, and kept together: some 40 minutes of two cores. With more processes as many
+"""Robots that are judged and kept together at least: some 40 minutes of two cores. With more processes as many
 robots as these, so that each identifies one."""
 
 EXPERIMENT, CALIBRATION = "identify", "calibration_motion"
