@@ -117,6 +117,10 @@ def evaluate_command(
             "--give-up", help="Begin a new look, and never finish the last one: its draws are lost."
         ),
     ] = False,
+    last_look: Annotated[
+        bool,
+        typer.Option("--last-look", help="Show the last look at the test split, and take none."),
+    ] = False,
     folder: Annotated[
         Path,
         typer.Option(
@@ -144,6 +148,7 @@ def evaluate_command(
         "--draws": draws,
         "--note": note or None,
         "--give-up": give_up or None,
+        "--last-look": last_look or None,
     }
     for name, value in of_split.items():
         if split is None and value is not None:
@@ -164,6 +169,7 @@ def evaluate_command(
                 quick=quick,
                 note=note,
                 give_up=give_up,
+                last_look=last_look,
                 folder=folder,
             ),
             workers=workers,
@@ -271,17 +277,16 @@ def _evaluate_split(
     check_outputs(json_file)
     if report is not None:
         _check_report(report)
-    with ExitStack() as opened:
-        if report is not None:
-            opened.enter_context(lock_file(report))
-        pool = opened.enter_context(chosen_workers(workers, cluster, console))
+    with chosen_workers(workers, cluster, console) as pool:
         judged = judge_split(options, pool, console)
         print_summary(console, judged.summary, judged.observers)
         save_json(json_file, judged.as_json(), console)
         if report is not None:
             robot = load_robot()
-            reference = _reference(robot, pool, console)
-            write_touch_report(judged.summary, report, robot, judged.origin(report), reference)
+            # Not before: a look is from a clean commit, and a lock beside the page is none of it.
+            with lock_file(report):
+                reference = _reference(robot, pool, console)
+                write_touch_report(judged.summary, report, robot, judged.origin(report), reference)
             console.print(f"report: {report}")
     return 1 if judged.failed else 0
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,19 @@ from rich.table import Table
 
 from pepper_driver.cli.console import make_progress
 from pepper_driver.config import ConfigError, load_robot
+from pepper_driver.config.cluster import Cluster
+from pepper_driver.config.files import make_folder
 from pepper_driver.config.population import parse_draws
 from pepper_driver.config.touch_suites import Split, TouchSuites, load_touch_suites
 from pepper_driver.config.workers import Workers
 from pepper_driver.evaluation.touch.ledger import Look, as_rows, read_ledger
-from pepper_driver.evaluation.touch.look import LEDGER, repository, repository_or_none, take_look
+from pepper_driver.evaluation.touch.look import (
+    LEDGER,
+    last_look,
+    repository,
+    repository_or_none,
+    take_look,
+)
 from pepper_driver.evaluation.touch.observers import DEFAULT, DEVELOPMENT, check_observers
 from pepper_driver.evaluation.touch.records import RobotRecord
 from pepper_driver.evaluation.touch.report import Origin
@@ -48,6 +57,7 @@ class SplitOptions:
     quick: bool = False
     note: str = ""
     give_up: bool = False
+    last_look: bool = False
     folder: Path = DEFAULT_FOLDER
 
 
@@ -122,6 +132,11 @@ def judge_split(options: SplitOptions, workers: Workers, console: Console) -> Ju
     """
     robot = load_robot()
     suites = load_touch_suites(robot)
+    _check_options(options)
+    if options.last_look:
+        look, records = last_look(repository())
+        heard = (name for record in records for take in record.takes for name in take.hearings)
+        return _summed(options, suites, look, records, tuple(dict.fromkeys(heard)))
     spec = suites.splits[options.split]
     parts = options.parts or PARTS
     if unknown := [name for name in parts if name not in PARTS]:
@@ -137,7 +152,11 @@ def judge_split(options: SplitOptions, workers: Workers, console: Console) -> Ju
         quick=options.quick,
         touch="touch" in parts,
     )
-    look: Look | None = None
+    if isinstance(workers, Cluster):
+        workers.check(
+            partial(make_folder, options.folder), "give '--folder' a folder that all machines share"
+        )
+    begun: Look | None = None
     with make_progress(console, count=True) as progress:
         bar = progress.add_task("judging", total=None)
 
@@ -145,8 +164,7 @@ def judge_split(options: SplitOptions, workers: Workers, console: Console) -> Ju
             progress.update(bar, completed=done, total=total, description=f"judging ({what})")
 
         if options.split == "test":
-            _refuse_choices(options)
-            look, records = take_look(
+            begun, records = take_look(
                 judging,
                 root=repository(),
                 note=options.note,
@@ -162,18 +180,38 @@ def judge_split(options: SplitOptions, workers: Workers, console: Console) -> Ju
             draws = range(spec.first, spec.first + spec.robots)
             numbers = tuple(draws) if options.draws is None else parse_draws(options.draws)
             records = judge(judging, numbers, workers=workers, progress=show)
+    return _summed(options, suites, begun, records, names)
+
+
+def _summed(
+    options: SplitOptions,
+    suites: TouchSuites,
+    look: Look | None,
+    records: tuple[RobotRecord, ...],
+    observers: tuple[str, ...],
+) -> JudgedSplit:
     return JudgedSplit(
         options=options,
         suites=suites,
         look=look,
         records=records,
-        observers=names,
-        summary=summarise_touch(records, names, robot, suites=suites),
+        observers=observers,
+        summary=summarise_touch(records, observers, load_robot(), suites=suites),
     )
 
 
-def _refuse_choices(options: SplitOptions) -> None:
-    """Refuse what would make a look at the test split another than the looks before."""
+def _check_options(options: SplitOptions) -> None:
+    """Refuse options of the other split, and those that would make a look another than the looks before."""
+    if options.split == "development":
+        of_looks = {
+            "--note": options.note,
+            "--give-up": options.give_up,
+            "--last-look": options.last_look,
+        }
+        for name, value in of_looks.items():
+            if value:
+                raise ConfigError(f"{name} is for looks at the test split: leave it out")
+        return
     given = {
         "--draws": options.draws,
         "--suite": options.parts,

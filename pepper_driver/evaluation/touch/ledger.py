@@ -36,7 +36,7 @@ MOST_NAMED = 5
 """Files that a message names."""
 
 _APART = (
-    *(f"{name}/*" for name in ("bench", "callbacks", "cli", "doctor", "log", "rendering")),
+    *(f"{name}/*" for name in ("bench", "callbacks", "cli", "doctor", "rendering")),
     *(f"{name}/*" for name in ("replay", "testing", "viewer")),
     *(f"backends/{name}/*" for name in ("naoqi", "naoqi_server")),
     *(f"evaluation/{name}.py" for name in ("figures", "report", "results")),
@@ -372,15 +372,15 @@ def next_draws(
         where = "" if path is None else f" and {look_folder(path, last.look)}"
         raise LedgerError(
             f"this was already looked at on {last.begun.date()} (look {last.look}, draws {last.draws}): its results "
-            f"are in that line of the ledger{where}"
+            f"are in that line of the ledger{where}; 'pepper evaluate --split test --last-look' shows them"
         )
     if last.state == "begun" and not give_up:
         if not changed:
             return last.numbers
         raise LedgerError(
             f"look {last.look} has begun on {last.begun.date()} and is unfinished ({last.robots_done} of {last.robots} "
-            f"robots), and code, constants or suites have changed since: 'git checkout {last.commit[:12]}' to resume "
-            "it, or give it up, after which its draws are not used again"
+            f"robots), and code, constants or suites have changed since: undo that to resume it (it is of commit "
+            f"{last.commit[:12]}), or give it up ('--give-up'), after which its draws are not used again"
         )
     used = max(draw for look in ledger for draw in look.numbers)
     first = FIRST_DRAW + ((used - FIRST_DRAW) // HUNDRED + 1) * HUNDRED
@@ -400,8 +400,8 @@ def begin_look(
 ) -> Look:
     """Append a line for a look that begins now; an unfinished look of the same code is returned as it is.
 
-    :func:`check_clean` comes first. Where the look returned is of another commit (of the same code), that commit must
-    pass :func:`check_resumed`.
+    :func:`check_clean` and :func:`check_whole` come first. Where the look returned is of another commit (of the same
+    code), that commit must pass :func:`check_resumed`.
 
     Args:
         path: The ledger; it is made with the first look.
@@ -536,32 +536,55 @@ def check_clean(root: Path, allowed: Sequence[Path]) -> str:
     return _head(top)
 
 
-def check_resumed(root: Path, commit: str, allowed: Sequence[Path]) -> None:
-    """Refuse to resume a look from a commit that differs from its own in more than ledger and results of looks.
+def check_resumed(root: Path, commit: str) -> None:
+    """Refuse to resume a look of a commit that HEAD does not come from.
+
+    :func:`begin_look` has compared code, constants and suites; other files, such as pages and documentation, may have
+    changed since.
 
     Args:
-        root: A folder of the work tree, which :func:`check_clean` has found clean.
+        root: A folder of the work tree.
         commit: Of the look.
-        allowed: Files and folders that may differ: the ledger, and results of all looks.
 
     Raises:
-        CommitError: The commit is not known here, or HEAD differs from it in other files.
+        CommitError: The commit is not known here, or is no ancestor of HEAD.
     """
     top = _top(root)
-    if _head(top) == commit:
-        return
-    short = commit[:12]
     try:
-        names = _git(top, "diff", "--name-only", "--no-renames", "-z", commit, "HEAD", "--")
+        _git(top, "merge-base", "--is-ancestor", commit, "HEAD")
     except CommitError as error:
         raise CommitError(
-            f"the unfinished look was begun from commit {short}, which is not in this repository"
+            f"the unfinished look was begun from commit {commit[:12]}, which HEAD does not come from; 'git checkout' a "
+            "branch that does"
         ) from error
-    if others := _others(top, filter(None, names.split("\0")), allowed):
-        raise CommitError(
-            f"the unfinished look was begun from commit {short}, and these files have changed since: "
-            f"{_named(others)}; 'git checkout {short}' to resume it"
-        )
+
+
+def check_whole(root: Path, ledger: Path) -> None:
+    """Refuse a ledger that lacks a look which HEAD or a branch of this repository has.
+
+    Args:
+        root: A folder of the work tree.
+        ledger: Its ledger.
+
+    Raises:
+        LedgerError: It lacks a look; the message names the cure.
+        CommitError: There is no repository.
+    """
+    top, here = _top(root), {(look.look, look.begun): look for look in read_ledger(ledger)}
+    name = ledger.resolve().relative_to(top).as_posix()
+    branches = _git(top, "for-each-ref", "--format=%(refname:short)", "refs/heads").split()
+    for reference in ("HEAD", *branches):
+        try:
+            text = _git(top, "show", f"{reference}:{name}")
+        except CommitError:  # it has no ledger
+            continue
+        for line in text.splitlines()[1:]:
+            look = _parse(line)
+            if (look.look, look.begun) not in here:
+                raise LedgerError(
+                    f"{ledger}: look {look.look} of {look.begun.date()} is missing, which {reference} has: "
+                    f"'git checkout {reference} -- {name}' brings it back, 'git merge {reference}' also its results"
+                )
 
 
 def _others(top: Path, names: Iterable[str], allowed: Sequence[Path]) -> list[str]:

@@ -8,13 +8,16 @@ from pathlib import Path
 
 import pepper_driver
 from pepper_driver.config import ConfigError
+from pepper_driver.config.evaluation_baselines import load_evaluation_baselines
 from pepper_driver.config.population import allow_test_draws
 from pepper_driver.config.workers import Workers
 from pepper_driver.evaluation.touch.ledger import (
+    LedgerError,
     Look,
     begin_look,
     check_clean,
     check_resumed,
+    check_whole,
     code_hash,
     complete_look,
     constants_hash,
@@ -25,6 +28,9 @@ from pepper_driver.evaluation.touch.ledger import (
 from pepper_driver.evaluation.touch.records import RobotRecord, load_robot_record
 from pepper_driver.evaluation.touch.split import Judging, Progress, judge
 from pepper_driver.evaluation.touch.summary import main_figures
+
+NOTHING = "nothing yet"
+"""Begin of ``chosen_on`` in ``evaluation_baselines.yaml`` before the factors are chosen."""
 
 LEDGER = Path("docs/results/ledger.csv")
 """In the repository."""
@@ -80,10 +86,12 @@ def take_look(
         PepperError: As of :func:`judge`.
     """
     ledger = root / LEDGER
+    check_chosen()
     own = (ledger, *(look_folder(ledger, n) for n in range(1, len(read_ledger(ledger)) + 2)))
     # Locks lie beside what they lock.
     allowed = [*own, *(path.with_name(f".{path.name}.lock") for path in own)]
     commit = check_clean(root, allowed)
+    check_whole(root, ledger)
     look = begin_look(
         ledger,
         commit=commit,
@@ -93,7 +101,7 @@ def take_look(
         note=note,
         give_up=give_up,
     )
-    check_resumed(root, look.commit, allowed)
+    check_resumed(root, look.commit)
     if begun is not None:
         begun(look)
     done: set[int | None] = set()
@@ -111,6 +119,32 @@ def take_look(
             kept=kept,
         )
     return complete_look(ledger, look.look, main_figures(records)), records
+
+
+def check_chosen() -> None:
+    """Refuse a look before the factors of the baselines were chosen.
+
+    Raises:
+        ConfigError: They are still to be chosen.
+    """
+    if load_evaluation_baselines().chosen_on.startswith(NOTHING):
+        raise ConfigError(
+            "evaluation_baselines.yaml: the factors of the baselines are not chosen yet, and are to be before the test "
+            "split is looked at: 'python benchmarks/match_baselines.py'"
+        )
+
+
+def last_look(root: Path) -> tuple[Look, tuple[RobotRecord, ...]]:
+    """Return the last look, complete or not, with the robots that it has kept.
+
+    Raises:
+        LedgerError: There was none, or the ledger is damaged.
+        RecordError: A record is damaged.
+    """
+    ledger = read_ledger(root / LEDGER)
+    if not ledger:
+        raise LedgerError(f"{root / LEDGER}: nobody has looked at the test split yet")
+    return ledger[-1], records_of_look(root, ledger[-1])
 
 
 def records_of_look(root: Path, look: Look) -> tuple[RobotRecord, ...]:

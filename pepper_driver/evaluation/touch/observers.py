@@ -383,8 +383,12 @@ class _Listener:
 
     def hearing(self, robot: RobotConfig) -> Hearing:
         """Return what the observer reported; only its failure if it failed."""
-        if self.failure:
-            return Hearing(failure=self.failure)
+        found: list[Hearing] = []
+        if not self.failure:
+            self._guard(lambda: found.append(self._hearing(robot)))
+        return found[0] if found else Hearing(failure=self.failure)
+
+    def _hearing(self, robot: RobotConfig) -> Hearing:
         torques = [
             TorqueEstimate(touch=touch, joint=joint, true=true / count, estimate=estimate / count)
             for (touch, joint, _), (true, estimate), count in zip(

@@ -22,6 +22,9 @@ HAND_PERIOD = 0.048
 MAX_HAND_FORCE = 40.0
 """[N] of a hand that holds."""
 
+LEAST_TIPPING = 0.05
+"""Ratio to what would tip the robot of a push beside others that leave it no more."""
+
 PULL = 0.04
 """[m] Way of a hand that grips and pulls."""
 
@@ -47,12 +50,14 @@ class MadeTouch:
 
     Attributes:
         act: The act it is part of.
+        place: Where, as the suites call it.
         point: Where.
         rise: [s]; None for a hand that holds on.
         row: Number of ticks before it began.
     """
 
     act: PlannedAct
+    place: str
     point: PlacePoint
     rise: float | None
     row: int
@@ -84,6 +89,7 @@ class Person:
         self._model = RobotModel(pepper.config)
         self._polygon = SupportPolygon.from_robot(pepper.config)
         self.touches: list[MadeTouch] = []
+        self._acting: list[tuple[float, float]] = []  # end [s], ratio to what would tip the robot
 
     def perform(self, act: PlannedAct) -> Wait:
         """Make a touch; the times that it yields must pass before it continues."""
@@ -129,7 +135,7 @@ class Person:
         act: PlannedAct,
         point: PlacePoint,
         *,
-        force: float | None = None,
+        place: str | None = None,
         direction: FloatArray | None = None,
         world: bool = False,
     ) -> float:
@@ -138,15 +144,14 @@ class Person:
         Args:
             act: The act it is part of.
             point: Where.
-            force: [N]; None for that of the act.
+            place: Where, as the suites call it; None for the place of the act.
             direction: (3,) in the axes of the link, or of the world; None to draw one.
             world: True if ``direction`` is in the axes of the world.
         """
-        asked = act.force if force is None else force
-        assert asked is not None
+        assert act.force is not None
         unit = self.direction(point, act) if direction is None else direction
-        size = self._firm(asked, point, unit, world)
         row = act.row
+        size = self._firm(act.force, point, unit, world, row.duration)
         self._pepper.push(
             point.link,
             size * unit,
@@ -156,11 +161,21 @@ class Person:
             rise=row.rise,
         )
         rise = min(row.rise, row.duration / 3)
-        self.touches.append(MadeTouch(act=act, point=point, rise=rise, row=self._ticks()))
+        self._add(act, place, point, rise)
         return row.duration
 
-    def _firm(self, force: float, point: PlacePoint, unit: FloatArray, world: bool) -> float:
-        """Return the force [N], or the largest one with which the robot stands firmly."""
+    def _add(
+        self, act: PlannedAct, place: str | None, point: PlacePoint, rise: float | None
+    ) -> None:
+        made = MadeTouch(
+            act=act, place=place or act.place, point=point, rise=rise, row=self._ticks()
+        )
+        self.touches.append(made)
+
+    def _firm(
+        self, force: float, point: PlacePoint, unit: FloatArray, world: bool, duration: float
+    ) -> float:
+        """Return the force [N], or the largest one with which the robot stands firmly beside what acts already."""
         posture = np.asarray(self._pepper.position, dtype=np.float64)
         pose = self._model.link_pose(point.link, posture)
         if world:
@@ -170,7 +185,12 @@ class Person:
             in_base = pose[:3, :3] @ unit
         where = pose[:3, :3] @ np.array(point.xyz) + pose[:3, 3]
         ratio = self._polygon.tipping_ratio(posture, where, force * in_base)
-        return force * min(1.0, self._suites.max_tipping / ratio) if ratio > 0.0 else force
+        now = self._pepper.time
+        self._acting = [(end, other) for end, other in self._acting if end > now]
+        left = self._suites.max_tipping - sum(other for _, other in self._acting)
+        fraction = min(1.0, max(left, LEAST_TIPPING) / ratio) if ratio > 0.0 else 1.0
+        self._acting.append((now + duration, fraction * ratio))
+        return fraction * force
 
     def take(self, act: PlannedAct, point: PlacePoint) -> SteadyHand:
         """Close a hand at a point."""
@@ -178,7 +198,7 @@ class Person:
         hand = self._pepper.take_hand(
             point.link, point.xyz, stiffness=act.stiffness, max_force=MAX_HAND_FORCE
         )
-        self.touches.append(MadeTouch(act=act, point=point, rise=None, row=self._ticks()))
+        self._add(act, None, point, None)
         return hand
 
     def where(self, point: PlacePoint) -> FloatArray:
@@ -265,11 +285,11 @@ def _lead(person: Person, act: PlannedAct) -> Wait:
 
 def _hug(person: Person, act: PlannedAct) -> Wait:
     """Press both upper arms and the back at once, each arm towards the body."""
-    for right in (False, True):
-        point = person.spot(act.place, right)
+    side = next(point for point in person.points(act.place) if point.outward[1] > 0.0)
+    for point in (side, side.mirrored):
         person.push(act, point, direction=-np.array(point.outward))
     back = next(point for point in person.points("trunk") if point.outward[0] < 0.0)
-    yield person.push(act, back, direction=np.array([1.0, 0.0, 0.0]))
+    yield person.push(act, back, place="trunk", direction=np.array([1.0, 0.0, 0.0]))
 
 
 def _weight(person: Person, act: PlannedAct) -> Wait:
@@ -283,7 +303,7 @@ def _pair(person: Person, act: PlannedAct) -> Wait:
     right = person.side()
     person.push(act, person.spot(act.place, right))
     yield 0.2
-    yield person.push(act, person.spot("upper arm", right))
+    yield person.push(act, person.spot("upper arm", right), place="upper arm")
 
 
 def _both(person: Person, act: PlannedAct) -> Wait:

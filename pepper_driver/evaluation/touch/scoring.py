@@ -166,9 +166,8 @@ class RobotScore:
 def heard(contacts: Iterable[Contact]) -> tuple[Heard, ...]:
     """Return the events of an observer that tell a user something new.
 
-    These are begins, ends, and updates with another joint, limb, direction or kind than the event before. A begin has
-    the time of its detection. An end has the time at which it says that the contact ended: it is reported somewhat
-    later.
+    These are begins, ends, and updates with another joint, limb, direction or kind than the event before, each with
+    its time.
     """
     events: list[Heard] = []
     last: dict[int, tuple[object, ...]] = {}
@@ -181,7 +180,7 @@ def heard(contacts: Iterable[Contact]) -> tuple[Heard, ...]:
             Heard(
                 id=contact.id,
                 phase=contact.phase,
-                time=contact.detection_time if contact.phase == "begin" else contact.time,
+                time=contact.time,
                 kind=contact.kind,
                 limb=contact.limb,
                 joint=contact.joint,

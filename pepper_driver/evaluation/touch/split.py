@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from pepper_driver.backends import make_backend
-from pepper_driver.config import Experiment, RobotConfig, load_plant, load_robot
-from pepper_driver.config.cluster import Cluster, environment
+from pepper_driver.config import Experiment, PepperError, RobotConfig, load_plant, load_robot
+from pepper_driver.config.cluster import SOURCES, Cluster, environment
 from pepper_driver.config.evaluation_baselines import load_evaluation_baselines
 from pepper_driver.config.experiment import load_experiment
 from pepper_driver.config.file_lock import lock_folder
 from pepper_driver.config.files import content_hash, file_hash, make_folder
 from pepper_driver.config.population import with_same_draws
 from pepper_driver.config.touch_suites import TouchSuites
-from pepper_driver.config.workers import Workers, run_jobs
+from pepper_driver.config.workers import Workers, one_core, run_jobs
 from pepper_driver.evaluation.touch.ledger import code_hash, constants_hash
 from pepper_driver.evaluation.touch.observers import ModelFiles, make, watch_all
 from pepper_driver.evaluation.touch.records import (
@@ -33,7 +33,7 @@ from pepper_driver.evaluation.touch.records import (
 )
 from pepper_driver.evaluation.touch.takes import TakeSpec, perform, plan_takes
 from pepper_driver.identification import IdentifiedRobot, identify_population
-from pepper_driver.observer import ModelKind
+from pepper_driver.observer import ModelKind, Observer
 
 PART = 2
 """Robots that are judged and kept together at least: some 40 minutes of two cores. With more processes as many
@@ -96,11 +96,14 @@ class Judging:
                 self.suites.frozen,
                 [self.free, self.quick, self.touch],
                 self.observers,
-                code_hash(),
-                constants_hash(),
-                environment(),
+                _versions(),
             ]
         )
+
+
+def _versions() -> dict[str, str]:
+    """Code, constants, interpreter and libraries that records depend on."""
+    return {**environment(), SOURCES: code_hash(), "constants": constants_hash()}
 
 
 def judge(
@@ -183,7 +186,7 @@ def _judge_part(
     progress: Progress | None,
 ) -> Iterator[RobotRecord]:
     """Identify robots, perform their takes, and yield their records."""
-    robot = load_robot()
+    robot, versions = load_robot(), _versions()
     specs = {draw: judging.specs(draw) for draw in draws}
     total = len(draws) + sum(map(len, specs.values()))
     count = 0
@@ -206,7 +209,9 @@ def _judge_part(
         models = _models(owner)
         for spec in specs[draw]:
             path = folder / f"{spec.name}-{_take_key(key, spec, models)}.json.gz"
-            jobs.append(with_same_draws(partial(_perform, spec, models, judging.observers, path)))
+            jobs.append(
+                with_same_draws(partial(_perform, spec, models, judging.observers, path, versions))
+            )
     for spec, take in run_jobs(jobs, workers=workers, ordered=False):
         takes[spec.draw, spec.name] = take
         tell(f"{spec.population}-{spec.draw}, {spec.name}")
@@ -262,42 +267,69 @@ def _take_key(key: str, spec: TakeSpec, models: ModelFiles | None) -> str:
     return content_hash([key, spec.seed, [file_hash(f) for f in files if f is not None]])
 
 
+class ChangedError(PepperError, RuntimeError):
+    """Code or constants changed while robots were judged."""
+
+
 def _perform(
-    spec: TakeSpec, models: ModelFiles | None, names: Sequence[str], path: Path
+    spec: TakeSpec,
+    models: ModelFiles | None,
+    names: Sequence[str],
+    path: Path,
+    versions: Mapping[str, str],
 ) -> tuple[TakeSpec, Take]:
     """Perform a take and show it to the observers, or read it where that was done before."""
     try:
         return spec, load_take(path)
     except RecordError:
         pass
+    with one_core(1):
+        take = take_and_hear(spec, models, names)
+    if _versions() != versions:
+        raise ChangedError(
+            "code, settings or libraries have changed since the robots began to be judged: undo that to continue, or "
+            "begin again"
+        )
+    save_take(take, path)
+    return spec, take
+
+
+def take_and_hear(spec: TakeSpec, models: ModelFiles | None, names: Sequence[str]) -> Take:
+    """Perform a take and show it to observers.
+
+    Args:
+        spec: The take.
+        models: Of the robot; None for no observers.
+        names: Of the observers.
+    """
     robot = load_robot()
     done = perform(spec, None if models is None else models.fusion)
     take = done.take
-    if models is not None and done.recording is not None:
-        baselines = load_evaluation_baselines()
-        observers, failed = {}, {}
-        for name in names:
-            try:
-                observers[name] = make(
-                    name,
-                    robot,
-                    models,
-                    baselines=baselines,
-                    recording=done.recording,
-                    uri=spec.uri,
-                )
-            except Exception as error:  # one observer that fails must not cost the others
-                failed[name] = Hearing(failure=f"{type(error).__name__}: {error}".splitlines()[0])
-        heard = watch_all(
-            observers,
-            done.recording,
-            take.touches,
-            robot,
-            true_torque=done.true_torque if len(done.true_torque) else None,
-        )
-        take = replace(take, hearings={name: {**heard, **failed}[name] for name in names})
-    save_take(take, path)
-    return spec, take
+    if models is None or done.recording is None:
+        return take
+    baselines = load_evaluation_baselines()
+    observers: dict[str, Observer] = {}
+    failed: dict[str, Hearing] = {}
+    for name in names:
+        try:
+            observers[name] = make(
+                name,
+                robot,
+                models,
+                baselines=baselines,
+                recording=done.recording,
+                uri=spec.uri,
+            )
+        except Exception as error:  # one observer that fails must not cost the others
+            failed[name] = Hearing(failure=f"{type(error).__name__}: {error}".splitlines()[0])
+    heard = watch_all(
+        observers,
+        done.recording,
+        take.touches,
+        robot,
+        true_torque=done.true_torque if len(done.true_torque) else None,
+    )
+    return replace(take, hearings={name: {**heard, **failed}[name] for name in names})
 
 
 def _law(judging: Judging, draw: int, robot: RobotConfig) -> BoardLaw:

@@ -23,6 +23,7 @@ from pepper_driver.evaluation.touch.ledger import (
     begin_look,
     check_clean,
     check_resumed,
+    check_whole,
     code_hash,
     complete_look,
     constants_hash,
@@ -217,7 +218,7 @@ def test_an_unfinished_look_is_resumed_on_its_own_line(path: Path) -> None:
     resumed = begin(path, commit="b0ffee", note="later")
     assert resumed == replace(first, robots_done=3)
     with pytest.raises(
-        LedgerError, match=r"look 1 .*unfinished \(3 of 20 robots\).*git checkout c0ffee"
+        LedgerError, match=r"look 1 .*unfinished \(3 of 20 robots\).*undo that.*c0ffee.*--give-up"
     ):
         begin(path, code="cccc")
     assert path.read_bytes() == before
@@ -357,26 +358,38 @@ def test_a_dirty_work_tree_is_named(repository: Path) -> None:
         check_clean(repository, allowed(repository))
 
 
-def test_a_look_is_resumed_from_its_own_commit_or_one_that_adds_results(repository: Path) -> None:
+def test_a_look_is_resumed_from_its_own_commit_or_one_after_it(repository: Path) -> None:
     own = git(repository, "rev-parse", "HEAD")
-    check_resumed(repository, own, [])
+    check_resumed(repository, own)
     commit(repository, "docs/results/ledger.csv", "a line\n")
-    commit(repository, "docs/results/look-1/robot.gz", "")
-    check_resumed(repository, own, allowed(repository))
-    with pytest.raises(CommitError, match=r"ledger.csv, docs/results/look-1/robot.gz;"):
-        check_resumed(repository, own, [])
-    changed = commit(repository, "code.py", "2\n")
+    check_resumed(repository, own)
+    git(repository, "checkout", "-q", "--orphan", "other")
+    git(repository, "commit", "-qm", "another root")
     with pytest.raises(
-        CommitError, match=rf"from commit {own[:12]}, .*: code.py; 'git checkout {own[:12]}' to"
+        CommitError, match=rf"from commit {own[:12]}, which HEAD does not come from"
     ):
-        check_resumed(repository, own, allowed(repository))
-    check_resumed(repository, changed, [])
-    git(repository, "mv", "code.py", "docs/results/look-1/moved.gz")
-    commit(repository, "docs/results/look-1/robot.gz", "more")
-    with pytest.raises(CommitError, match=r"changed since: code.py;"):
-        check_resumed(repository, changed, allowed(repository))
-    with pytest.raises(CommitError, match="commit 123456789012, which is not in this repository"):
-        check_resumed(repository, "1234567890123456789012345678901234567890", [])
+        check_resumed(repository, own)
+    with pytest.raises(CommitError, match="commit 123456789012, which HEAD does not come from"):
+        check_resumed(repository, "1234567890123456789012345678901234567890")
+
+
+def test_a_ledger_that_lacks_a_look_of_a_branch_is_refused(repository: Path) -> None:
+    ledger = allowed(repository)[0]
+    check_whole(repository, ledger)
+    main = git(repository, "rev-parse", "--abbrev-ref", "HEAD")
+    git(repository, "branch", "before")
+    begin(ledger)
+    check_whole(repository, ledger)  # not committed yet
+    git(repository, "add", "-A")
+    git(repository, "commit", "-qm", "look")
+    check_whole(repository, ledger)
+    ledger.unlink()
+    with pytest.raises(LedgerError, match=r"look 1 of .* is missing, which HEAD has"):
+        check_whole(repository, ledger)
+    git(repository, "checkout", "-q", "--", ".")
+    git(repository, "checkout", "-q", "before")
+    with pytest.raises(LedgerError, match=f"is missing, which {main} has: 'git checkout {main} --"):
+        check_whole(repository, ledger)
 
 
 def test_without_git_or_a_commit(

@@ -396,7 +396,7 @@ def test_callbacks_get_what_is_new() -> None:
     ]
     result = heard(events)
     assert [(e.id, e.phase, e.time) for e in result] == [
-        (1, "begin", 2.0),
+        (1, "begin", 2.1),
         (1, "update", 2.3),
         (2, "begin", 2.5),
         (1, "update", 2.5),

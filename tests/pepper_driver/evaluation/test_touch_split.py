@@ -4,6 +4,7 @@ import shutil
 import subprocess
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,14 @@ import pytest
 
 import pepper_driver.evaluation.touch.split as split
 import pepper_driver.observer.models as models
-from pepper_driver.config import load_robot
+from pepper_driver.config import ConfigError, load_robot
+from pepper_driver.config.evaluation_baselines import load_evaluation_baselines
 from pepper_driver.config.population import HeldOutDrawError
 from pepper_driver.config.touch_suites import load_touch_suites
-from pepper_driver.evaluation.touch.ledger import CommitError, LedgerError, read_ledger
+from pepper_driver.config.workers import run_jobs
+from pepper_driver.evaluation.touch.ledger import CommitError, LedgerError, code_hash, read_ledger
 from pepper_driver.evaluation.touch.look import LEDGER, records_of_look, take_look
-from pepper_driver.evaluation.touch.observers import make
+from pepper_driver.evaluation.touch.observers import ModelFiles, make
 from pepper_driver.evaluation.touch.records import RecordError, RobotRecord, load_robot_record
 from pepper_driver.evaluation.touch.split import Judging, judge
 from pepper_driver.evaluation.touch.takes import TakeSpec, perform
@@ -207,9 +210,57 @@ def look(judging: Judging, root: Path, **options: Any) -> tuple[Any, tuple[Robot
     return take_look(judging, root=root, workers=1, **options)
 
 
+def test_a_look_waits_for_the_factors_of_the_baselines(
+    judging: Judging, root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    undecided = replace(load_evaluation_baselines(), chosen_on="nothing yet")
+    monkeypatch.setattr(
+        "pepper_driver.evaluation.touch.look.load_evaluation_baselines", lambda: undecided
+    )
+    with pytest.raises(ConfigError, match="not chosen yet"):
+        look(judging, root)
+    assert not (root / LEDGER).exists()
+
+
+@pytest.mark.usefixtures("two_robots")
+def test_code_that_changes_while_robots_are_judged_is_seen(
+    judging: Judging, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hashes = iter(["of the begin", "of the begin", "of later"])  # key, versions of the part
+    monkeypatch.setattr(split, "code_hash", lambda: next(hashes))
+    with pytest.raises(split.ChangedError, match="have changed"):
+        judge(judging, [0], workers=1)
+
+
+def test_a_take_that_fails_in_any_way_costs_no_other(
+    judging: Judging, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(self: object) -> None:
+        raise RuntimeError("of no kind that is known")
+
+    monkeypatch.setattr("pepper_driver.evaluation.touch.takes._Stage.perform", broken)
+    (record,) = judge(judging, [0], workers=1)
+    assert [take.failure for take in record.takes] == ["RuntimeError: of no kind that is known"] * 2
+
+
+def test_more_workers_make_the_same_records(judging: Judging, tmp_path: Path) -> None:
+    models = ModelFiles(
+        fusion=own_models("fusion"), affine=own_models("affine"), cart=own_models("cart")
+    )
+    jobs = [
+        partial(split.take_and_hear, spec, models, judging.observers)
+        for spec in two_takes(judging, 0)
+    ]
+    assert list(run_jobs(jobs, workers=1)) == list(run_jobs(jobs, workers=2))
+
+
 @pytest.fixture
 def two_robots(monkeypatch: pytest.MonkeyPatch) -> None:
     """Look at two robots for development: those for tests are not looked at to test the code."""
+    chosen = replace(load_evaluation_baselines(), chosen_on="robots of a test")
+    monkeypatch.setattr(
+        "pepper_driver.evaluation.touch.look.load_evaluation_baselines", lambda: chosen
+    )
     monkeypatch.setattr("pepper_driver.evaluation.touch.ledger.ROBOTS", 2)
     monkeypatch.setattr("pepper_driver.evaluation.touch.ledger.FIRST_DRAW", 40)
 
@@ -258,10 +309,12 @@ def test_an_interrupted_look_is_resumed_on_its_line_and_commit(
     (root / "code.py").write_text("changed\n")
     with pytest.raises(CommitError, match=r"code\.py"):
         look(judging, root)
+    # Files that no record depends on may have changed, once they are committed.
     git(root, "commit", "-qam", "changed")
-    with pytest.raises(CommitError, match=r"code\.py"):
+    monkeypatch.setattr("pepper_driver.evaluation.touch.look.code_hash", lambda: "0123456789ab")
+    with pytest.raises(LedgerError, match="have changed since"):
         look(judging, root)
-    git(root, "reset", "-q", "--hard", "HEAD~1")
+    monkeypatch.setattr("pepper_driver.evaluation.touch.look.code_hash", code_hash)
     line, records = look(judging, root)
     assert (line.look, line.state, line.commit) == (1, "complete", begun.commit)
     assert line.begun == begun.begun
