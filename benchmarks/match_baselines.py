@@ -28,7 +28,7 @@ from pepper_driver.evaluation.touch.split import Judging, judge
 from pepper_driver.evaluation.touch.summary import summarise_touch
 from pepper_driver.evaluation.touch.summary_data import TouchSummary
 
-FACTORS = (0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.5, 7.0, 10.0)
+FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
 
 
 def false_contacts(summary: TouchSummary, observer: str) -> int:
