@@ -11,11 +11,10 @@ from typing import Any, NoReturn
 
 import numpy as np
 from rich.console import Console
-from scipy.stats import chi2
+from scipy.stats import binomtest, chi2
 
 from pepper_driver.config.files import OutputError, check_writable, write_json
 from pepper_driver.config.workers import run_jobs
-from pepper_driver.evaluation.metrics import fraction_interval
 
 FILE_WIDTH = 240  # columns
 MAX_RUNS = 1000
@@ -71,7 +70,7 @@ def share(count: int, of: int) -> str:
     """Return a share with its 95 % interval (Clopper-Pearson), for people."""
     if not of:
         return "-"
-    low, high = fraction_interval(count, of)
+    low, high = binomtest(count, of).proportion_ci(0.95, method="exact")
     return f"{count} of {of} [{low:.2f}-{high:.2f}]"
 
 
