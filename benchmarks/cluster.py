@@ -31,7 +31,7 @@ from pepper_driver.config import PepperError, load_experiment, load_robot
 from pepper_driver.config.cluster import Cluster, connected
 from pepper_driver.config.evaluation import load_evaluation
 from pepper_driver.config.workers import run_jobs
-from pepper_driver.evaluation.evaluate import QUICK, run_job, suite_jobs
+from pepper_driver.evaluation.evaluate import run_job, suite_jobs
 from pepper_driver.evaluation.observers_under_test import contestants
 from pepper_driver.identification.identify import chosen_joints
 from pepper_driver.identification.runs import IdentificationRun, perform, plan_runs, seeded_uri
@@ -53,14 +53,14 @@ def measure_work(repeats: int) -> dict[str, dict[str, float]]:
     """By kind of sweep: length of the job that was timed and of those of a whole sweep [s], and what it returns."""
     robot = load_robot()
     evaluation, fusion = load_evaluation(robot), contestants(["fusion"], [], robot)
-    job = suite_jobs(evaluation, ["free"], robot, quick=True)[0]
+    job, swept = suite_jobs(evaluation, ["fit"], robot)[0], evaluation.runs("fit")[0].seconds
     runs = identification_runs()
     run = min(runs, key=lambda run: run.seconds)
     work: dict[str, tuple[Callable[[], int], float, float]] = {
         "evaluate": (
             lambda: len(dumps(run_job(job, fusion))),
-            evaluation.runs("free", fraction=QUICK)[0].seconds,
-            evaluation.runs("free")[0].seconds,
+            swept,
+            swept,
         ),
         "identify": (
             lambda: len(perform(seeded_uri("mujoco", run), run).as_bytes()),

@@ -28,7 +28,7 @@ from pepper_driver.config.loading import STRICT, own_or_shipped, parse, read_yam
 from pepper_driver.config.parts import Positive
 from pepper_driver.config.plant import plant_names
 from pepper_driver.config.robot import RobotConfig, load_robot
-from pepper_driver.config.steps import Count, Holds, Setpoints, Sweeps
+from pepper_driver.config.steps import Holds, Setpoints, Sweeps
 
 FOLDER = "evaluation_experiments"
 
@@ -45,20 +45,14 @@ class SuiteEntry:
         name: As it is called in results. With ``joints`` each of them is an experiment, and called like that.
         experiment: By name, of ``evaluation_experiments``.
         plants: Names of plants.
-        draws: How many robots of each plant are drawn at random; 0 for the plant itself.
         task_stiffness: Of the posture task [1/s2]; one episode each.
-        repetitions: Takes that differ by nothing but their seed.
-        goals: In place of the experiment's own number of goals.
         joints: Of sweeps: these, one after the other.
     """
 
     name: str
     experiment: str
     plants: Annotated[tuple[str, ...], Field(min_length=1)]
-    draws: Annotated[int, Field(ge=0, le=10_000)] = 0
     task_stiffness: Annotated[tuple[Positive, ...], Field(min_length=1)]
-    repetitions: Count = 1
-    goals: Count | None = None
     joints: tuple[str, ...] = ()
 
 
@@ -88,9 +82,7 @@ class SuiteRun:
         suite, entry: Where it belongs.
         experiment: What is performed, with the task stiffness and the joint of this run.
         plant: Name of the plant.
-        draw: Which robot of a plant that is drawn at random; None for the plant itself.
         task_stiffness: Of the posture task [1/s2].
-        goals: How many; None for the experiment's own number.
         seed: Of all that is random: the root of the file, suite, experiment, a mark that no seed of identification
             carries, and a number within the experiment.
     """
@@ -99,23 +91,13 @@ class SuiteRun:
     entry: str
     experiment: Experiment
     plant: str
-    draw: int | None
     task_stiffness: float
-    goals: int | None
     seed: tuple[int, ...]
-
-    @property
-    def performed(self) -> Experiment:
-        """The experiment with the number of goals of this run."""
-        return (
-            self.experiment if self.goals is None else self.experiment.with_goals(count=self.goals)
-        )
 
     @property
     def label(self) -> str:
         """Human-readable."""
-        robot = self.plant if self.draw is None else f"{self.plant} {self.draw}"
-        return f"{self.suite}, {self.entry} on {robot} at {self.task_stiffness:g}/s2, seed {self.seed[-1]}"
+        return f"{self.suite}, {self.entry} on {self.plant} at {self.task_stiffness:g}/s2, seed {self.seed[-1]}"
 
     @property
     def seconds(self) -> float:
@@ -123,7 +105,7 @@ class SuiteRun:
         goals = _goals(self.experiment)
         if isinstance(goals, Sweeps):
             return goals.settle + goals.number * sum(goals.dwell) / 2
-        return goals.settle + goals.period * (goals.count if self.goals is None else self.goals)
+        return goals.settle + goals.period * goals.count
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,16 +157,14 @@ class EvaluationSuites:
         experiment = self.experiments[entry.experiment]
         for name in entry.joints or (entry.name,):
             performed = experiment.with_goals(joints=(name,)) if entry.joints else experiment
-            for number, (draw, stiffness, _) in enumerate(_each(entry)):
+            for number, stiffness in enumerate(entry.task_stiffness):
                 for plant in entry.plants:
                     yield SuiteRun(
                         suite=suite,
                         entry=name,
                         experiment=replace(performed, stiffness=stiffness),
                         plant=plant,
-                        draw=draw,
                         task_stiffness=stiffness,
-                        goals=entry.goals,
                         # The same motion on all plants, as far as pushes allow: results differ by the robot.
                         seed=(
                             self.root,
@@ -196,24 +176,16 @@ class EvaluationSuites:
                     )
 
 
-def _each(entry: SuiteEntry) -> Iterator[tuple[int | None, float, int]]:
-    """Draw, task stiffness and repetition of each episode on one plant."""
-    for draw in range(entry.draws) if entry.draws else (None,):
-        for stiffness in entry.task_stiffness:
-            for repetition in range(entry.repetitions):
-                yield draw, stiffness, repetition
-
-
 def _shorter(run: SuiteRun, fraction: float) -> SuiteRun | None:
     """Return a run with fewer goals after the free motion it begins with; None where the motion has none."""
     motion = _goals(run.experiment)
     if isinstance(motion, Sweeps):
         return None
-    goals = motion.count if run.goals is None else run.goals
     random = (c.after for c in run.experiment.contacts if isinstance(c, RandomTouch))
     # These stay: without them no contact would remain.
     free = ceil(max(random, default=0.0) / motion.period - 1e-6)
-    return replace(run, goals=min(goals, free + max(1, round((goals - free) * fraction))))
+    count = min(motion.count, free + max(1, round((motion.count - free) * fraction)))
+    return replace(run, experiment=run.experiment.with_goals(count=count))
 
 
 @with_lines
@@ -269,8 +241,6 @@ def _check(
         robot.joint_index(joint)
     if entry.joints and not isinstance(goals, Sweeps):
         raise ConfigError(f"{where}.joints': only sweeps take joints")
-    if entry.goals is not None and isinstance(goals, Sweeps):
-        raise ConfigError(f"{where}.goals': sweeps have a number of goals of their own")
 
 
 def _goals(experiment: Experiment) -> Setpoints | Holds | Sweeps:

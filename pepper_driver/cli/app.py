@@ -110,7 +110,7 @@ COMMANDS = {
     "evaluate": CommandEntry(
         place="evaluate:evaluate_command",
         summary="Score the contacts of observers, on seeded simulated runs or labelled recordings.",
-        example="pepper evaluate --suite free --quick",
+        example="pepper evaluate --suite paper --quick",
         docs="results.md",
     ),
     "bench": CommandEntry(

@@ -37,7 +37,7 @@ from pepper_driver.config.touch_suites import Split, load_touch_suites
 from pepper_driver.config.workers import Workers
 from pepper_driver.evaluation.episodes import DEFAULT_CACHE
 from pepper_driver.evaluation.evaluate import QUICK, evaluate, suite_jobs
-from pepper_driver.evaluation.metrics import RECALL_BINS, Metrics
+from pepper_driver.evaluation.metrics import Metrics
 from pepper_driver.evaluation.observers_under_test import (
     DEFAULTS,
     ObserversUnderTest,
@@ -59,8 +59,8 @@ def evaluate_command(
         str | None,
         typer.Option(
             metavar="A,B",
-            help="Suites to perform, such as free or paper,collision; all for all. Without --suite and --log their"
-            " names are printed.",
+            help="Suites to perform on single plants, such as fit or paper,fit; all for all. Without --suite and --log"
+            " their names are printed.",
         ),
     ] = None,
     mode: Annotated[
@@ -358,31 +358,10 @@ def _cells(metrics: Metrics) -> dict[str, str]:
     """Results by name; a dash where a result is not available."""
     tests = [fit.test for fit in metrics.fit.values() if fit.test is not None]
     estimations = [fit.estimation for fit in metrics.fit.values() if fit.estimation is not None]
-    free, pushed, delay, torque = (
-        metrics.free_motion,
-        metrics.with_pushes,
-        metrics.delay_ms,
-        metrics.torque,
-    )
-    rebound = metrics.rebound
     return {
+        **{f"{name}, FP/FN/TP": f"{c.fp}/{c.fn}/{c.tp}" for name, c in metrics.table1.items()},
         "fit %, estimation": number(_mean(estimations), 1),
         "fit %, test": number(_mean(tests), 1),
-        **{f"{name}, FP/FN/TP": f"{c.fp}/{c.fn}/{c.tp}" for name, c in metrics.table1.items()},
-        "false, free motion": str(free.fp) if free else "-",
-        "  per hour, 95 % bound": number(free.fp_per_hour_upper95) if free else "-",
-        "false, with pushes": str(pushed.fp) if pushed else "-",
-        **{f"detected, {name} deg": number(metrics.recall[name], 3) for name in RECALL_BINS},
-        "detected, all": number(metrics.recall_overall, 3),
-        "detected on trunk": number(metrics.recall_trunk, 3),
-        "detected on fingers": number(metrics.recall_hands, 3),
-        "delay ms, median/p90": f"{delay.median:.0f}/{delay.p90:.0f}" if delay else "-",
-        "direction": number(metrics.direction, 3),
-        "joint after 150 ms": number(metrics.isolation["150"], 3),
-        "torque R2": number(torque.r2 if torque else None, 3),
-        "rebounds reported": number(rebound.recall if rebound else None, 3),
-        "threshold deg": number(metrics.threshold_deg.p50 if metrics.threshold_deg else None),
-        "us per tick": number(metrics.latency_us.median, 0),
     }
 
 

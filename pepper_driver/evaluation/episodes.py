@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
-from urllib.parse import urlencode
 
 import numpy as np
 
-from pepper_driver.backends import BackendError
+from pepper_driver.backends import BackendError, with_query
 from pepper_driver.config import (
     ConfigError,
     PepperError,
@@ -28,7 +25,6 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.evaluation import SuiteRun
 from pepper_driver.config.files import content_hash, make_folder, replacing, write_json
 from pepper_driver.config.loading import package_file
-from pepper_driver.config.workers import Workers, run_jobs
 from pepper_driver.controller import Tick
 from pepper_driver.experiments.plan import plan_experiment
 from pepper_driver.observer import KnownPush, Observation, Recording, RecordingBuilder
@@ -46,7 +42,7 @@ REDRAWS = 2
 REDRAWN = 1000
 """Added to the number of a run that is drawn again."""
 
-FORMAT = 1
+FORMAT = 2
 """Of the files in the cache; part of their key."""
 
 _SETTINGS = (
@@ -78,7 +74,6 @@ class Episode:
     Attributes:
         suite, experiment: Where it belongs.
         plant: Name of the simulated robot.
-        draw: Number of the draw of a random plant; None for other plants.
         identity: Hash of the simulated robot.
         parents: Plants that the simulated robot of a recording is a variant of, nearest first.
         seed: Of its noise; unlike any other in the suites.
@@ -93,7 +88,6 @@ class Episode:
     suite: str
     experiment: str
     plant: str
-    draw: int | None = None
     identity: str = ""
     parents: tuple[RobotIdentity, ...] = ()
     seed: int
@@ -149,20 +143,9 @@ class Episode:
         return episode
 
 
-@dataclass(frozen=True, kw_only=True)
-class FailedEpisode:
-    """A run that came to nothing, and why."""
-
-    run: SuiteRun
-    reason: str
-
-
 def episode_uri(run: SuiteRun) -> str:
     """Return the simulated robot of a run, with its noise."""
-    query: dict[str, str | int] = {"plant": run.plant, "seed": _noise(run)}
-    if run.draw is not None:
-        query["draw"] = run.draw
-    return f"mujoco://?{urlencode(query)}"
+    return with_query("mujoco", plant=run.plant, seed=_noise(run))
 
 
 def perform(run: SuiteRun, cache: Path | None = None) -> Episode:
@@ -215,35 +198,6 @@ def _folder(run: SuiteRun, pepper: Pepper, cache: Path) -> Path:
     return cache / _key(run, pepper.backend.info.identity)
 
 
-def episodes(
-    runs: Sequence[SuiteRun],
-    *,
-    workers: Workers = -1,
-    cache: Path | None = DEFAULT_CACHE,
-    progress: Callable[[int, int], None] | None = None,
-) -> Iterator[Episode | FailedEpisode]:
-    """Perform runs in parallel; results come in their order and do not depend on ``workers``.
-
-    Args:
-        runs: Of one suite or several.
-        workers: Processes, -1 for one per core; or a cluster.
-        cache: See :func:`perform`.
-        progress: Called with (runs done, runs in all) after each.
-    """
-    jobs = (partial(_attempt, run, cache) for run in runs)
-    for done, result in enumerate(run_jobs(jobs, workers=workers), start=1):
-        if progress is not None:
-            progress(done, len(runs))
-        yield result
-
-
-def _attempt(run: SuiteRun, cache: Path | None) -> Episode | FailedEpisode:
-    try:
-        return perform(run, cache)
-    except EpisodeError as error:
-        return FailedEpisode(run=run, reason=str(error))
-
-
 def _performed(run: SuiteRun, pepper: Pepper) -> Episode:
     robot, truth = pepper.config, pepper.backend.truth
     builder = RecordingBuilder(robot)
@@ -261,7 +215,7 @@ def _performed(run: SuiteRun, pepper: Pepper) -> Episode:
     reason, stopped = "", False
     pushes: tuple[KnownPush, ...] = ()
     try:
-        plan = plan_experiment(run.performed, robot, pepper.backend, seed=run.seed)
+        plan = plan_experiment(run.experiment, robot, pepper.backend, seed=run.seed)
         with pepper:
             pushes = pepper.play(plan, on_tick=on_tick, skip_settling=True).pushes
     except (FaultError, BackendError, ConfigError) as error:
@@ -278,7 +232,6 @@ def _performed(run: SuiteRun, pepper: Pepper) -> Episode:
         suite=run.suite,
         experiment=run.entry,
         plant=run.plant,
-        draw=run.draw,
         identity=pepper.backend.info.identity,
         seed=_noise(run),
         task_stiffness=run.task_stiffness,
@@ -314,8 +267,8 @@ def as_it_was(
 
 def _noise(run: SuiteRun) -> int:
     """Seed of a run's noise."""
-    where = (0 if run.draw is None else run.draw + 1, *run.plant.encode())
-    return int(np.random.SeedSequence((*run.seed, *where)).generate_state(1)[0])
+    # The zero is part of the frozen noise: of a robot that is no draw of its plant.
+    return int(np.random.SeedSequence((*run.seed, 0, *run.plant.encode())).generate_state(1)[0])
 
 
 def _key(run: SuiteRun, identity: str) -> str:
@@ -328,7 +281,7 @@ def _key(run: SuiteRun, identity: str) -> str:
         "version": version("pepper-driver"),
         "source": _source_hash(),
         "experiment": experiment,
-        "labels": [run.suite, run.entry, run.plant, run.draw, run.goals],
+        "labels": [run.suite, run.entry, run.plant],
         "identity": identity,
         "seed": run.seed,
     }
@@ -342,7 +295,7 @@ def _source_hash() -> str:
 
 
 def _labels() -> tuple[str, ...]:
-    return ("suite", "experiment", "plant", "draw", "identity", "seed", "task_stiffness")
+    return ("suite", "experiment", "plant", "identity", "seed", "task_stiffness")
 
 
 def _as_json(push: KnownPush) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Evaluation of observers on suites and on logs, in parallel jobs."""
+"""Evaluation of observers on suites, in parallel jobs; and logs as episodes."""
 
 from __future__ import annotations
 
@@ -38,7 +38,6 @@ from pepper_driver.evaluation.true_pushes import LoggedPlant, true_pushes
 from pepper_driver.log import read_log
 from pepper_driver.recording.labels import pushes_of, recording_of
 
-LOG_SUITE = "log"
 INTEGRAL = "-integral"
 """Ending of the part of a suite whose robots have boards with an integral part: they are another reading of what a real
 Pepper is, and are never pooled with the others."""
@@ -51,12 +50,12 @@ EXPERIMENT_JOINTS = {"LSRoll": FIT_JOINT, "RERoll": "RElbowRoll", "RSRoll": "RSh
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """One episode to evaluate: ``make`` performs or loads it, and can be sent to another process.
+    """One episode to evaluate: ``make`` performs it, and can be sent to another process.
 
     Attributes:
         suite: That its figures are summed up in.
         title: Human-readable name.
-        make: Performs or loads the episode.
+        make: Performs the episode, or loads one that was performed before.
         pictured: The joint to keep data of for a figure, if any.
     """
 
@@ -86,24 +85,16 @@ def suite_jobs(
     Raises:
         UnknownNameError: No such suite.
     """
-    jobs = []
-    drawn: set[str] = set()
-    for suite in suites:
-        for run in evaluation.runs(suite, fraction=QUICK if quick else 1.0):
-            joint = _pictured(run, robot)
-            if joint is not None and (run.suite + joint) in drawn:
-                joint = None
-            if joint is not None:
-                drawn.add(run.suite + joint)
-            jobs.append(
-                Job(
-                    suite=suite_of(run, robot),
-                    title=run.label,
-                    make=partial(perform, run, cache),
-                    pictured=joint,
-                )
-            )
-    return tuple(jobs)
+    return tuple(
+        Job(
+            suite=suite_of(run, robot),
+            title=run.label,
+            make=partial(perform, run, cache),
+            pictured=_pictured(run, robot),
+        )
+        for suite in suites
+        for run in evaluation.runs(suite, fraction=QUICK if quick else 1.0)
+    )
 
 
 def suite_of(run: SuiteRun, robot: RobotConfig) -> str:
@@ -117,13 +108,6 @@ def _pictured(run: SuiteRun, robot: RobotConfig) -> str | None:
         return EXPERIMENT_JOINTS.get(run.entry)
     swept = run.entry == FIT_JOINT and run.task_stiffness > FASTEST_ESTIMATION
     return FIT_JOINT if suite_of(run, robot) == "fit" and swept else None
-
-
-def log_jobs(paths: Sequence[Path]) -> tuple[Job, ...]:
-    """Return logs: labelled ones of ``pepper record --label``, and those of simulated runs."""
-    return tuple(
-        Job(suite=LOG_SUITE, title=str(path), make=partial(episode_of_log, path)) for path in paths
-    )
 
 
 def episode_of_log(path: Path) -> Episode:
@@ -150,10 +134,9 @@ def episode_of_log(path: Path) -> Episode:
         contact_torque[rows] = log.truth["contact_torque"][true_rows]
         saturated[rows] = log.truth["saturated"][true_rows]
     return Episode(
-        suite=LOG_SUITE,
+        suite="log",
         experiment=path.stem,
         plant=RECORDED,
-        draw=None,
         identity=log.metadata.get("identity", "unknown"),
         parents=parents_in(path, log.metadata),
         seed=0,
@@ -185,24 +168,23 @@ def evaluate(
     jobs: Sequence[Job],
     contestants: ObserversUnderTest,
     *,
+    digest: str,
     workers: Workers = -1,
-    digest: str | None = None,
     fraction: float = 1.0,
     progress: Progress | None = None,
 ) -> EvaluationResult:
     """Evaluate the observers on all episodes, which run in parallel; the result does not depend on ``workers``.
 
-    An episode that cannot be performed or read is listed among the failures, and the others continue.
+    An episode that cannot be performed is listed among the failures, and the others continue.
 
     Args:
         jobs: The episodes.
         contestants: The observers.
+        digest: Of the frozen suites that the episodes are of.
         workers: Processes, -1 for one per core; or a cluster.
-        digest: Of the frozen suites that the episodes are of; None for recordings.
         fraction: Of the suites that the episodes are.
         progress: Called after each episode.
     """
-    robot = load_robot()
     outcomes = []
     for outcome in run_jobs((partial(run_job, job, contestants) for job in jobs), workers=workers):
         outcomes.append(outcome)
@@ -211,7 +193,7 @@ def evaluate(
     suites = tuple(dict.fromkeys(job.suite for job in jobs))
     return EvaluationResult(
         suites=suites,
-        modes=_by_mode(outcomes, suites, contestants.modes, robot),
+        modes=_by_mode(outcomes, suites, contestants.modes),
         episodes=tuple(o.episode for o in outcomes if o.episode is not None),
         failures=tuple(failure for o in outcomes for failure in o.failures),
         notes=contestants.notes,
@@ -243,7 +225,7 @@ def run_job(job: Job, contestants: ObserversUnderTest) -> JobResult:
     failures: list[Failure] = []
     for mode in contestants.of_suite(episode.suite):
         try:
-            with _unwarned(job):
+            with _unwarned():
                 watched = watch(
                     contestants.observer(mode, episode, robot), episode.recording, tested
                 )
@@ -255,7 +237,7 @@ def run_job(job: Job, contestants: ObserversUnderTest) -> JobResult:
     info = EpisodeInfo(
         suite=job.suite,
         experiment=episode.experiment,
-        plant=episode.plant if episode.draw is None else f"{episode.plant} {episode.draw}",
+        plant=episode.plant,
         seed=episode.seed,
         seconds=len(episode.recording) * robot.cycle,
     )
@@ -265,12 +247,11 @@ def run_job(job: Job, contestants: ObserversUnderTest) -> JobResult:
 
 
 @contextmanager
-def _unwarned(job: Job) -> Iterator[None]:
-    """Silence the advice to identify worn robots again: simulated ones are worn on purpose."""
+def _unwarned() -> Iterator[None]:
+    """Silence the advice to identify a robot again: robots and models of a suite are what they are meant to be."""
     log = logging.getLogger("pepper_driver.observer")
     level = log.level
-    if job.suite != LOG_SUITE:
-        log.setLevel(logging.ERROR)
+    log.setLevel(logging.ERROR)
     try:
         yield
     finally:
@@ -288,14 +269,13 @@ def _by_mode(
     outcomes: Iterable[JobResult],
     suites: Sequence[str],
     modes: Sequence[str],
-    robot: RobotConfig,
 ) -> dict[str, dict[str, Metrics]]:
     scores: dict[str, dict[str, list[EpisodeScore]]] = {mode: {} for mode in modes}
     for outcome in outcomes:
         for mode, score in outcome.scores.items():
             scores[mode].setdefault(outcome.suite, []).append(score)
     metrics = {
-        mode: {s: summarise(by_suite[s], robot) for s in suites if s in by_suite}
+        mode: {s: summarise(by_suite[s]) for s in suites if s in by_suite}
         for mode, by_suite in scores.items()
     }
     affine, oracle = metrics.get("paper-affine", {}), metrics.get(ORACLE, {})

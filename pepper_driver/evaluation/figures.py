@@ -1,9 +1,8 @@
-"""Figures 2, 3 and 4 of the paper again, with recall by size of push; needs the extra ``plot``."""
+"""Figures 2, 3 and 4 of the paper again; needs the extra ``plot``."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,25 +11,20 @@ import numpy as np
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.evaluation.episode_score import Trace
-from pepper_driver.evaluation.evaluate import EXPERIMENT_JOINTS, FIT_JOINT, INTEGRAL
-from pepper_driver.evaluation.metrics import CONFIDENCE, RECALL_BINS, fraction_interval
+from pepper_driver.evaluation.evaluate import EXPERIMENT_JOINTS, FIT_JOINT
 from pepper_driver.evaluation.results import EvaluationResult
 from pepper_driver.figure_style import (
-    BLACK,
     BLUE,
     COMMANDED,
-    GREEN,
     GREY,
     MEASURED,
     ORANGE,
-    PINK,
     PREDICTED,
     RESIDUAL,
     SHADE,
     SKY,
     THRESHOLD,
     TITLE_SIZE,
-    VERMILION,
     Style,
     add_legend,
     counted,
@@ -54,21 +48,8 @@ SHOWN: dict[str, Style] = {
     "fusion": {"color": SKY, "linewidth": 1.5, "zorder": 2.2},
 }
 """Observers in the figures of single episodes: their predictions, below and above the black line of the measurement."""
-_BARS = (
-    (BLUE, ""),
-    (ORANGE, "//"),
-    (SKY, ".."),
-    (GREEN, "\\\\"),
-    (BLACK, ""),
-    (GREY, "xx"),
-    (VERMILION, "--"),
-    (PINK, "oo"),
-)
-"""Colour and hatch of each observer."""
 _COLOURS = 96
-_NAMES = ("figure2.png", "figure3.png", "figure4.png", "recall.png")
-RECALL_SUITES = {"collision": "boards without an integral part"}
-RECALL_SUITES["collision" + INTEGRAL] = "boards with an integral part"
+_NAMES = ("figure2.png", "figure3.png", "figure4.png")
 
 
 def write_figures(evaluation: EvaluationResult, folder: Path, robot: RobotConfig) -> dict[str, str]:
@@ -109,11 +90,6 @@ def write_figures(evaluation: EvaluationResult, folder: Path, robot: RobotConfig
         drawn["figure4.png"] = (
             contact_figure({"RSRoll": touched["RSRoll"]}, robot),
             "Figure 4: the same of RShoulderRoll, whose model was identified on the left.",
-        )
-    if recalls := _recalls(evaluation):
-        drawn["recall.png"] = (
-            recall_figure(recalls),
-            "Fraction of pushes detected, by size, with 95 % intervals (Clopper-Pearson) and numbers of pushes n.",
         )
     for name in _NAMES:  # of an earlier run: they would not fit the new tables
         (folder / name).unlink(missing_ok=True)
@@ -188,99 +164,6 @@ def contact_figure(experiments: Mapping[str, Sequence[Trace]], robot: RobotConfi
     figure.suptitle("Pushes on a moving Pepper, in simulation", fontsize=TITLE_SIZE)
     add_legend(figure)
     return figure
-
-
-@dataclass(frozen=True, kw_only=True)
-class Recall:
-    """Pushes that were detected, of at least one."""
-
-    detected: int
-    count: int
-
-    @property
-    def fraction(self) -> float:
-        """Fraction that was detected."""
-        return self.detected / self.count
-
-
-@styled
-def recall_figure(recalls: Mapping[str, Mapping[str, Mapping[str, Recall]]]) -> Figure:
-    """Bars of recall by size of push, with intervals and counts; a colour for each observer, a panel for each suite.
-
-    Args:
-        recalls: By name of a suite, observer and bin of sizes.
-    """
-    modes = list(dict.fromkeys(mode for by_mode in recalls.values() for mode in by_mode))
-    figure = new_figure(max(7.0 * len(recalls), 9.0), 5.2)
-    panels = figure.subplots(1, len(recalls), sharey=True, squeeze=False)[0]
-    for axes, (suite, by_mode) in zip(panels, recalls.items(), strict=True):
-        _draw_recall(by_mode, modes, axes)
-        axes.set_title(RECALL_SUITES.get(suite, suite))
-    panels[0].set_ylabel("fraction of pushes detected")
-    figure.suptitle(
-        f"Random pushes in simulation: how many are detected (bars: fraction; whiskers: {CONFIDENCE:.0%} interval)",
-        fontsize=TITLE_SIZE,
-    )
-    add_legend(figure)
-    return figure
-
-
-def _draw_recall(
-    by_mode: Mapping[str, Mapping[str, Recall]], modes: Sequence[str], axes: Axes
-) -> None:
-    bins = [name for name in RECALL_BINS if any(name in recalls for recalls in by_mode.values())]
-    width = 0.8 / len(modes)
-    for number, mode in enumerate(modes):
-        found = {
-            place: by_mode[mode][name]
-            for place, name in enumerate(bins)
-            if name in by_mode.get(mode, {})
-        }
-        fractions = np.array([recall.fraction for recall in found.values()])
-        ends = np.array([fraction_interval(r.detected, r.count) for r in found.values()])
-        colour, hatch = _BARS[number % len(_BARS)]
-        if found:
-            axes.bar(
-                np.array(list(found)) - 0.4 + (number + 0.5) * width,
-                fractions,
-                width,
-                yerr=np.abs(ends.T - fractions),
-                error_kw={"elinewidth": 1.2, "capsize": 3.0, "ecolor": "#333333"},
-                color=colour,
-                edgecolor="white",
-                hatch=hatch,
-                label=mode,
-            )
-    axes.set_xticks(range(len(bins)), [f"{_size(name)}\n{_n(name, by_mode)}" for name in bins])
-    axes.set_xlabel("size of the push [equivalent deg], number of pushes n")
-    axes.set_xlim(-0.5, len(bins) - 0.5)
-    axes.set_ylim(0.0, 1.02)
-    dress(axes)
-    axes.grid(visible=False, axis="x")
-
-
-def _n(name: str, by_mode: Mapping[str, Mapping[str, Recall]]) -> str:
-    """Return the number of pushes of a size; from least to most where observers saw different ones."""
-    counts = sorted({recalls[name].count for recalls in by_mode.values() if name in recalls})
-    return "n = " + " to ".join(str(count) for count in dict.fromkeys((counts[0], counts[-1])))
-
-
-def _size(name: str) -> str:
-    return f"{name.removesuffix('-')} and more" if name.endswith("-") else name.replace("-", " to ")
-
-
-def _recalls(evaluation: EvaluationResult) -> dict[str, dict[str, dict[str, Recall]]]:
-    """By suite, observer and bin of sizes; what has no pushes is left out."""
-    found: dict[str, dict[str, dict[str, Recall]]] = {}
-    for suite in RECALL_SUITES:
-        for mode, by_suite in evaluation.modes.items():
-            metrics = by_suite.get(suite)
-            for name, value in metrics.recall.items() if metrics is not None else ():
-                if metrics is not None and value is not None:
-                    count = metrics.recall_count[name]
-                    recall = Recall(detected=round(value * count), count=count)
-                    found.setdefault(suite, {}).setdefault(mode, {})[name] = recall
-    return found
 
 
 def _window(trace: Trace) -> slice:

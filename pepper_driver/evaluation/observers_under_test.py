@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from urllib.parse import urlencode
 
 import numpy as np
 
-from pepper_driver.backends import Command, make_backend
+from pepper_driver.backends import Command, make_backend, with_query
 from pepper_driver.backends.motion_profile import minimum_jerk
 from pepper_driver.config import (
     PepperError,
@@ -191,11 +190,15 @@ class ObserversUnderTest:
         Raises:
             PepperError: There are no such models; the oracle cannot simulate a recording.
         """
+        recorded = episode.plant == RECORDED
         if mode == ORACLE:
-            return OracleObserver(
-                robot, untouched_error(episode.recording, _oracle_uri(episode), robot)
-            )
-        if recorded := episode.plant == RECORDED:
+            if recorded:
+                raise ModelFileError(
+                    "the oracle simulates the plants of the suites, not the robot of a recording"
+                )
+            uri = with_query("mujoco", plant=episode.plant)
+            return OracleObserver(robot, untouched_error(episode.recording, uri, robot))
+        if recorded:
             own = RobotIdentity(name=episode.experiment, identity=episode.identity)
             identities = (own, *episode.parents)
         else:
@@ -309,13 +312,3 @@ def shared_by_type(models: ModelSet, robot: RobotConfig) -> ModelSet:
 
 def _identity(plant: str, robot: RobotConfig) -> RobotIdentity:
     return RobotIdentity(name=plant, identity=plant_hash(load_plant(plant, robot), robot))
-
-
-def _oracle_uri(episode: Episode) -> str:
-    """Return the plant of an episode; of a drawn one, the plant that it was drawn from."""
-    if episode.plant == RECORDED:
-        raise ModelFileError(
-            "the oracle simulates the plants of the suites, not the robot of a recording"
-        )
-    plant = episode.plant if episode.draw is None else _REFERENCES[0]
-    return f"mujoco://?{urlencode({'plant': plant})}"

@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
-from pepper_driver.config import load_observer_settings, load_robot
+from pepper_driver.config import load_robot
 from pepper_driver.evaluation.episode_score import Trace
 from pepper_driver.evaluation.metrics import Metrics
-
-_HOME = {
-    "fit": ("fit", "fit_gap_closed"),
-    "paper": ("table1",),
-    "free": ("free_motion", "threshold_deg", "threshold_nm", "latency_us", "coverage"),
-}
-"""The suite that defines a metric, where it was evaluated; for other metrics it is ``collision``."""
-_MAIN = "collision"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +42,7 @@ class EvaluationResult:
         traces: For pictures.
         date: Day of the run, UTC.
         versions: Of the packages that matter.
-        digest: Of the frozen suites; None for recordings.
+        digest: Of the frozen suites.
         fraction: Of the suites that was performed.
     """
 
@@ -62,32 +54,13 @@ class EvaluationResult:
     traces: tuple[Trace, ...] = field(repr=False)
     date: str
     versions: dict[str, str]
-    digest: str | None = None
+    digest: str
     fraction: float = 1.0
-
-    @property
-    def simulated(self) -> bool:
-        """True if the episodes come from simulation, false if from recordings."""
-        return self.digest is not None
 
     @property
     def hours(self) -> float:
         """Length of all episodes [h]."""
         return sum(episode.seconds for episode in self.episodes) / 3600.0
-
-    def suite_of(self, key: str, mode: str) -> str:
-        """Return the suite that defines a metric: its own one, else the first that has it."""
-        by_suite = self.modes[mode]
-        home = next((suite for suite, keys in _HOME.items() if key in keys), _MAIN)
-        order = [suite for suite in (home, *by_suite) if suite in by_suite]
-        return next((s for s in order if not _empty(by_suite[s].as_json()[key])), order[0])
-
-    def headline(self, mode: str) -> dict[str, Any]:
-        """Return the metrics of a mode, each from its :meth:`suite_of`, which ``suite_of`` names."""
-        by_suite = {suite: metrics.as_json() for suite, metrics in self.modes[mode].items()}
-        keys = [field.name for field in fields(Metrics)]
-        origin = {key: self.suite_of(key, mode) for key in keys}
-        return {**{key: by_suite[origin[key]][key] for key in keys}, "suite_of": origin}
 
     def fit_loss(self, mode: str) -> dict[str, dict[str, float]]:
         """Loss of models on joints that they were not fitted to: suite, joint, points of the test fit.
@@ -111,16 +84,9 @@ class EvaluationResult:
         return losses
 
     def as_json(self) -> dict[str, Any]:
-        """``modes.<name>`` holds the headline and, under ``suites``, each suite on its own.
-
-        ``paper`` is the paper's observer with the trees of the settings, under that name too.
-        """
-        names = {mode: mode for mode in self.modes}
-        tree = f"paper-{load_observer_settings().tree}"
-        if tree in names:
-            names = {"paper": tree, **names}
+        """``modes.<name>`` holds the metrics under ``suites``, each suite on its own, and the loss of the fit."""
         return {
-            "simulated": self.simulated,
+            "simulated": True,
             "frozen": self.digest,
             "fraction": self.fraction,
             "date": self.date,
@@ -132,18 +98,10 @@ class EvaluationResult:
             "failures": [{"title": f.title, "reason": f.reason} for f in self.failures],
             "notes": list(self.notes),
             "modes": {
-                name: {
-                    **self.headline(mode),
+                mode: {
                     "fit_loss": self.fit_loss(mode),
-                    "suites": {suite: m.as_json() for suite, m in self.modes[mode].items()},
+                    "suites": {suite: metrics.as_json() for suite, metrics in by_suite.items()},
                 }
-                for name, mode in names.items()
+                for mode, by_suite in self.modes.items()
             },
         }
-
-
-def _empty(value: object) -> bool:
-    """Return true if a metric holds no data."""
-    if isinstance(value, dict):
-        return all(_empty(part) or part == 0 for part in value.values())
-    return value is None

@@ -99,7 +99,7 @@ def test_a_log_that_is_being_written_stays_as_it_is(tmp_path: Path) -> None:
     [
         ["demo", "--out", "PATH", "--seconds", "8"],
         ["identify", "--out", "new.json", "--recordings", "PATH", "--joints", "HeadYaw"],
-        ["evaluate", "--suite", "free", "--cache", "PATH", "--quick"],
+        ["evaluate", "--suite", "paper", "--cache", "PATH", "--quick"],
     ],
 )
 def test_commands_refuse_a_folder_in_use(

@@ -52,9 +52,9 @@ CONTACT = Contact(
 
 
 def at_once(experiment: Experiment) -> Experiment:
-    """The experiment with random pushes from the first goal on."""
+    """The experiment with one goal alone, and its random pushes."""
     contacts = (replace(c, after=0.0) for c in experiment.contacts if isinstance(c, RandomPushes))
-    return replace(experiment, contacts=tuple(contacts))
+    return replace(experiment.with_goals(count=1), contacts=tuple(contacts))
 
 
 def push(onset: float, degrees: float = 4.0, **changes: Any) -> KnownPush:
@@ -100,31 +100,22 @@ def make_episode(
     pushes: Sequence[KnownPush] = (),
     *,
     seconds: float = 12.0,
-    suite: str = "collision",
+    suite: str = "paper",
     experiment: str = "left",
     task_stiffness: float = 8.0,
     error: FloatArray | None = None,
 ) -> Episode:
-    """An episode in which each push on a joint grows and falls as half a sine."""
+    """An episode of a robot that stands, and is said to be pushed."""
     run = recording(seconds, error)
-    torque = np.zeros((len(run), JOINTS))
-    for one in pushes:
-        if one.joint is None:
-            continue
-        phase = (run.time - one.onset) / (one.release - one.onset)
-        shape = np.where((phase > 0) & (phase < 1), np.sin(np.pi * phase), 0.0)
-        size = one.direction * np.radians(one.degrees) * STIFFNESS
-        torque[:, ROBOT.joint_index(one.joint)] += size * shape
     return Episode(
         recording=run,
         pushes=tuple(pushes),
-        contact_torque=torque,
+        contact_torque=np.zeros((len(run), JOINTS)),
         saturated=np.zeros((len(run), JOINTS), dtype=np.bool_),
         stiffness_constant=np.full(JOINTS, STIFFNESS),
         suite=suite,
         experiment=experiment,
         plant="nominal",
-        draw=None,
         identity="hand-made",
         seed=7,
         task_stiffness=task_stiffness,

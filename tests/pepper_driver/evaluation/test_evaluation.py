@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -26,6 +27,7 @@ from support.evaluation import CYCLE, JOINT, ROBOT, make_episode, push
 SECONDS = 8.4
 """Of each episode, in whole cycles; the later push ends more than a second before."""
 PAPER = ObserversUnderTest(modes=("paper-affine", "paper-cart"))
+FIT_KINDS = ("estimation", "test")
 
 
 def touched(suite: str, experiment: str, felt: int) -> Episode:
@@ -63,74 +65,58 @@ def result() -> EvaluationResult:
         job("paper", partial(touched, "paper", "LSRoll", 2), JOINT),
         job("paper", partial(touched, "paper", "RERoll", 1), "RElbowRoll"),
         job("paper", partial(touched, "paper", "RSRoll", 0), "RShoulderRoll"),
-        job("collision", partial(touched, "collision", "all", 1)),
-        job("free", partial(make_episode, seconds=SECONDS, suite="free")),
+        job("paper-integral", partial(touched, "paper", "LSRoll", 1)),
         job("fit", partial(swept, 2.0)),
         job("fit", partial(swept, 9.0), JOINT),
-        job("worn", broken),
-        job("worn", partial(touched, "worn", "all", 2)),
+        job("types", broken),
     ]
     return evaluate(jobs, PAPER, workers=1, digest="0123")
 
 
-def test_counts_reach_the_headline(result: EvaluationResult) -> None:
-    figures = result.as_json()["modes"]["paper-affine"]
-    assert figures["table1"] == {
+def test_counts_and_fits_reach_the_file(result: EvaluationResult) -> None:
+    suites = result.as_json()["modes"]["paper-affine"]["suites"]
+    assert suites["paper"]["table1"] == {
         "LSRoll": {"fp": 0, "fn": 0, "tp": 2},
         "RERoll": {"fp": 0, "fn": 1, "tp": 1},
         "RSRoll": {"fp": 0, "fn": 2, "tp": 0},
         "total": {"fp": 0, "fn": 3, "tp": 3},
     }
-    assert figures["recall"] == {"1-1.5": None, "1.5-2": None, "2-3": None, "3-": 0.5}
-    assert figures["suite_of"]["recall"] == "collision"
-    assert figures["suites"]["worn"]["recall"]["3-"] == 1.0
-    assert figures["free_motion"]["fp"] == 0
-    assert figures["direction"] == 1.0
-    assert figures["torque"] is None
-    assert set(figures["fit"]) == {JOINT}
-    assert set(figures["fit"][JOINT]) == {"estimation", "test"}
-    for key in (
-        "fit_gap_closed",
-        "delay_ms",
-        "isolation",
-        "rebound",
-        "threshold_deg",
-        "threshold_nm",
-    ):
-        assert key in figures
+    assert suites["paper-integral"]["table1"]["total"] == {"fp": 0, "fn": 1, "tp": 1}
+    assert suites["fit"]["table1"] == {}
+    assert set(suites["fit"]["fit"]) == {JOINT}
+    assert all(isinstance(suites["fit"]["fit"][JOINT][kind], float) for kind in FIT_KINDS)
 
 
-def test_the_json_is_plain_and_names_the_paper(result: EvaluationResult) -> None:
+def test_the_json_is_plain(result: EvaluationResult) -> None:
     content = json.loads(json.dumps(result.as_json(), allow_nan=False))
-    assert content["simulated"] is True
-    assert content["modes"]["paper"] == content["modes"]["paper-affine"]
-    assert content["plants"] == ["nominal"]
-    assert content["hours"] == pytest.approx(8 * SECONDS / 3600.0)
+    assert set(content["modes"]) == {"paper-affine", "paper-cart"}
+    assert (content["frozen"], content["plants"]) == ("0123", ["nominal"])
+    assert content["hours"] == pytest.approx(6 * SECONDS / 3600.0)
     assert {"pepper-driver", "mujoco", "numpy", "pin"} <= set(content["versions"])
 
 
 def test_a_episode_that_fails_costs_no_other(result: EvaluationResult) -> None:
     assert [(f.title, f.reason) for f in result.failures] == [
-        ("worn, an episode", "RuntimeError: the file is gone")
+        ("types, an episode", "RuntimeError: the file is gone")
     ]
-    assert len(result.episodes) == 8
+    assert len(result.episodes) == 6
 
 
-def test_an_observer_that_fails_costs_no_other() -> None:
+def test_an_observer_takes_no_part_where_it_is_not_asked_for() -> None:
     modes = ObserversUnderTest(modes=(ORACLE, "paper-affine"))
-    broken_twin = partial(make_episode, suite="fit", experiment=JOINT, seconds=0.03)
-    result = evaluate([job("fit", broken_twin), job("free", make_episode)], modes, workers=1)
-    assert "paper-affine" in result.modes
+    short = partial(make_episode, experiment=JOINT, seconds=0.03)
+    jobs = [job(suite, partial(short, suite=suite)) for suite in ("fit", "types")]
+    result = evaluate(jobs, modes, digest="0", workers=1)
     assert not result.failures
-    assert "free" not in result.modes[ORACLE]  # not asked for there
+    assert {mode: set(suites) for mode, suites in result.modes.items()} == {
+        ORACLE: {"fit"},
+        "paper-affine": {"fit", "types"},
+    }
 
 
-def test_the_result_does_not_depend_on_the_workers(result: EvaluationResult) -> None:
-    jobs = [job("collision", partial(touched, "collision", "all", n)) for n in range(3)]
-    one, two = (evaluate(jobs, PAPER, workers=n).as_json() for n in (1, 2))
-    for content in (one, two):
-        for figures in content["modes"].values():
-            del figures["latency_us"], figures["suites"]["collision"]["latency_us"]
+def test_the_result_does_not_depend_on_the_workers() -> None:
+    jobs = [job("paper", partial(touched, "paper", "LSRoll", n)) for n in range(3)]
+    one, two = (evaluate(jobs, PAPER, digest="0", workers=n).as_json() for n in (1, 2))
     assert one == two
 
 
@@ -145,9 +131,13 @@ def test_the_report(result: EvaluationResult, tmp_path: Path) -> None:
     for part in ("| LSRoll |", "| published | 2 / 2 / 18 |", "Run of 20", "mujoco", "nominal"):
         assert part in text
     assert "| paper-affine | 0 / 0 / 2 | 0 / 1 / 1 | 0 / 2 / 0 | 0 / 3 / 3 |" in text
-    assert "worn, an episode: RuntimeError" in text
+    assert (
+        "| paper-affine | 0 / 1 / 1 | - | - | 0 / 1 / 1 |" in text.split("Boards with an inte")[1]
+    )
+    assert "types, an episode: RuntimeError" in text
+    assert "None" not in text
     pictures = sorted(p.name for p in (tmp_path / "docs" / "results").iterdir())
-    assert pictures == ["figure2.png", "figure3.png", "figure4.png", "recall.png"]
+    assert pictures == ["figure2.png", "figure3.png", "figure4.png"]
     assert set(pictures) == set(write_figures(result, tmp_path / "docs" / "results", ROBOT))
     for name in pictures:
         assert f"(results/{name})" in text
@@ -156,22 +146,22 @@ def test_the_report(result: EvaluationResult, tmp_path: Path) -> None:
 
 def test_pictures_of_an_earlier_run_are_gone(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    for name in ("figure2.png", "mine.png"):
+    for name in ("figure3.png", "mine.png"):
         (tmp_path / name).write_bytes(b"old")
-    small = evaluate(
-        [job("collision", partial(touched, "collision", "all", 2))], PAPER, workers=1, digest="0"
-    )
-    assert list(write_figures(small, tmp_path, ROBOT)) == ["recall.png"]
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["mine.png", "recall.png"]
+    small = evaluate([job("fit", partial(swept, 9.0), JOINT)], PAPER, workers=1, digest="0")
+    assert list(write_figures(small, tmp_path, ROBOT)) == ["figure2.png"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["figure2.png", "mine.png"]
 
 
 def test_a_page_of_little() -> None:
-    small = evaluate(
-        [job("worn", partial(touched, "worn", "all", 2))], PAPER, workers=1, digest="0123"
-    )
+    """A suite about models of other joints has a table without the fit of their own."""
+    alone = replace(swept(9.0), suite="mirror")
+    small = evaluate([job("mirror", partial(copy, alone))], PAPER, workers=1, digest="0123")
     text = page(small, {}, "pepper evaluate")
-    assert "## Other robots" in text
+    assert "Suite `mirror`" in text
+    assert f"| {JOINT} | - / " in text
     assert "## Table I" not in text
+    assert "## Not evaluated" not in text
     assert "None" not in text
 
 
@@ -182,16 +172,16 @@ def test_markdown_tables() -> None:
 
 def test_suites_become_episodes_and_boards_are_not_pooled() -> None:
     frozen = load_evaluation(ROBOT)
-    jobs = suite_jobs(frozen, ["paper", "free"], ROBOT)
-    assert len(jobs) == len(frozen.runs("paper")) + len(frozen.runs("free"))
+    jobs = suite_jobs(frozen, ["paper", "fit"], ROBOT)
+    assert len(jobs) == len(frozen.runs("paper")) + len(frozen.runs("fit"))
     by_suite = {suite: [j for j in jobs if j.suite == suite] for suite in {j.suite for j in jobs}}
-    assert {"paper", "paper-integral", "free"} <= set(by_suite)
+    assert set(by_suite) == {"paper", "paper-integral", "fit"}
     assert all("integral" in job.title for job in by_suite["paper-integral"])
     assert not any("integral" in job.title for job in by_suite["paper"])
-    # One picture for each experiment of the paper, none of the other boards.
-    pictured = [job.pictured for job in jobs if job.pictured]
-    assert sorted(pictured) == ["LShoulderRoll", "RElbowRoll", "RShoulderRoll"]
-    assert all(job.pictured is None for job in by_suite["paper-integral"])
+    # One picture for each experiment of the paper and one of a test run, none of the other boards.
+    pictured = [(job.suite, job.pictured) for job in jobs if job.pictured]
+    paper = [("paper", joint) for joint in ("LShoulderRoll", "RElbowRoll", "RShoulderRoll")]
+    assert pictured == [*paper, ("fit", "LShoulderRoll")]
     quick = suite_jobs(frozen, ["paper"], ROBOT, quick=True)
     assert len(quick) == len(by_suite["paper"]) + len(by_suite["paper-integral"])
     with pytest.raises(UnknownNameError, match="unknown suite 'papr'"):
@@ -225,4 +215,4 @@ def test_what_transferred_models_lose() -> None:
     mirrored = replace(metrics["types"], fit={"RShoulderRoll": metrics["types"].fit[JOINT]})
     turned = replace(result, modes={"paper-affine": {"fit": metrics["fit"], "mirror": mirrored}})
     assert turned.fit_loss("paper-affine") == {"mirror": {"RShoulderRoll": own - other}}
-    assert result.as_json()["modes"]["paper"]["fit_loss"] == result.fit_loss("paper-affine")
+    assert result.as_json()["modes"]["paper-affine"]["fit_loss"] == result.fit_loss("paper-affine")

@@ -7,7 +7,7 @@ from pepper_driver.evaluation.episode_score import watch
 from pepper_driver.evaluation.observers_under_test import OracleObserver, untouched_error
 from pepper_driver.observer import RecordingBuilder, nrmse_fit
 from pepper_driver.robot import Pepper
-from support.evaluation import INDEX, JOINTS, ROBOT, Script, recording
+from support.evaluation import INDEX, JOINTS, ROBOT, recording
 
 
 @pytest.fixture(scope="module")
@@ -51,11 +51,3 @@ def test_it_says_when_the_residual_leaves_the_band() -> None:
     watch(again, run)
     assert watch(again, run).contacts == watched.contacts
     assert "oracle" in again.describe()
-
-
-def test_a_script_is_shown_every_tick() -> None:
-    run = recording(3.0)
-    watched = watch(Script(), run)
-    assert watched.step_us.shape == (250,)
-    assert (watched.step_us > 0).all()
-    assert watched.threshold.shape == (250, JOINTS)

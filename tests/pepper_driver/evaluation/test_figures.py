@@ -1,4 +1,4 @@
-"""Figures of an evaluation: what is drawn of hand-made traces and fractions."""
+"""Figures of an evaluation: what is drawn of hand-made traces."""
 
 from __future__ import annotations
 
@@ -6,20 +6,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pytest
 from matplotlib.axes import Axes
-from matplotlib.container import BarContainer
 from matplotlib.figure import Figure
 
 from pepper_driver.evaluation.episode_score import Trace
-from pepper_driver.evaluation.figures import (
-    RECALL_SUITES,
-    Recall,
-    contact_figure,
-    fit_figure,
-    recall_figure,
-)
-from pepper_driver.evaluation.metrics import fraction_interval
+from pepper_driver.evaluation.figures import contact_figure, fit_figure
 from support.evaluation import CYCLE, JOINT, ROBOT, contact, push
 
 TIME = np.arange(round(30.0 / CYCLE)) * CYCLE
@@ -125,28 +116,3 @@ def test_each_prediction_is_seen_beside_the_measurement() -> None:
     assert "20 s of 30 s" in figure.get_suptitle()
     (measured,) = panels(fit_figure([trace("oracle")]), "tracking error")
     assert drawn(measured) == {"measured"}
-
-
-RECALLS = {
-    "fusion": {"1-1.5": Recall(detected=24, count=30), "3-": Recall(detected=9, count=9)},
-    "momentum": {"1-1.5": Recall(detected=14, count=28)},
-}
-
-
-def test_recall_has_intervals_and_counts() -> None:
-    first, second = RECALL_SUITES
-    figure = recall_figure({first: RECALLS, second: {"fusion": RECALLS["fusion"]}})
-    left, right = figure.axes
-    assert [axes.get_title() for axes in figure.axes] == list(RECALL_SUITES.values())
-    assert left.get_ylim() == right.get_ylim()
-    ticks = [text.get_text() for text in left.get_xticklabels()]
-    assert ticks == ["1 to 1.5\nn = 28 to 30", "3 and more\nn = 9"], "no room for what is not there"
-    assert next(text.get_text() for text in right.get_xticklabels()) == "1 to 1.5\nn = 30"
-    bars = next(c for c in left.containers if isinstance(c, BarContainer))
-    assert [bar.get_height() for bar in bars] == [0.8, 1.0]
-    assert bars.errorbar is not None
-    _, _, (whiskers,) = bars.errorbar.lines
-    for segment, recall in zip(whiskers.get_segments(), RECALLS["fusion"].values(), strict=True):
-        ends = fraction_interval(recall.detected, recall.count)
-        assert np.asarray(segment)[:, 1] == pytest.approx(ends)
-    assert labels(figure) == ["fusion", "momentum"]

@@ -36,8 +36,8 @@ def test_contestants_are_checked_beforehand(tmp_path: Path) -> None:
     some = contestants(None, [], ROBOT)
     assert {"paper-affine", "paper-cart", ORACLE} <= set(some.modes)
     assert ORACLE in some.of_suite("fit")
-    assert ORACLE not in some.of_suite("free")
-    assert ORACLE in contestants([ORACLE], [], ROBOT).of_suite("free")
+    assert ORACLE not in some.of_suite("types")
+    assert ORACLE in contestants([ORACLE], [], ROBOT).of_suite("types")
     assert contestants(["paper", "paper-affine"], [], ROBOT).modes == ("paper-affine",)
     damaged = tmp_path / "models.json"
     damaged.write_text("{")
@@ -114,7 +114,7 @@ def test_a_recording_of_a_variant_is_judged_with_the_nearest_models(tmp_path: Pa
         some.observer("paper-affine", episode, ROBOT)
 
 
-def test_the_oracle_does_not_know_which_robot_was_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_oracle_is_the_plant_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
 
     def note(_: object, uri: str, __: object) -> np.ndarray:
@@ -122,9 +122,9 @@ def test_the_oracle_does_not_know_which_robot_was_drawn(monkeypatch: pytest.Monk
         return np.zeros((1, len(ROBOT.joint_names)))
 
     monkeypatch.setattr(module, "untouched_error", note)
-    for plant, draw in (("swaying", None), ("drift", 3)):
-        PAPER.observer(ORACLE, replace(make_episode(), plant=plant, draw=draw), ROBOT)
-    assert asked == ["mujoco://?plant=swaying", "mujoco://?plant=nominal"]
+    for plant in ("swaying", "swaying-integral"):
+        PAPER.observer(ORACLE, replace(make_episode(), plant=plant), ROBOT)
+    assert asked == ["mujoco://?plant=swaying", "mujoco://?plant=swaying-integral"]
 
 
 def test_models_are_shared_by_type_of_motor_in_the_suite_about_that() -> None:
