@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -45,7 +46,7 @@ from pepper_driver.evaluation.observers_under_test import (
 )
 from pepper_driver.evaluation.report import number, write_report
 from pepper_driver.evaluation.results import EvaluationResult
-from pepper_driver.evaluation.touch.logs import judge_logs
+from pepper_driver.evaluation.touch.logs import LOG, judge_logs
 from pepper_driver.evaluation.touch.report import Origin, write_touch_report
 from pepper_driver.evaluation.touch.summary import summarise_touch
 from pepper_driver.figure_style import check_plotting
@@ -239,6 +240,7 @@ def _evaluate_logs(
     report: Path | None,
 ) -> int:
     """Score logs; print, save and write what was asked for."""
+    chosen = replace(chosen, modes=chosen.of_suite(LOG))
     with chosen_workers(workers, cluster, console) as pool:
         if isinstance(pool, Cluster):
             _check_files(pool, None, [*(file.path for file in chosen.files), *logs])

@@ -162,10 +162,11 @@ def test_a_simulated_run_needs_no_labels(
         pepper.run(3.0)
         pepper.push("base_link", [10.0, 0.0, 0.0], duration=0.3)  # too light to be felt
         pepper.run(1.0)
-    arguments = ["evaluate", "--observer", "paper", "--workers", "1", "--json", str(figures)]
-    assert run([*arguments, "--log", str(log)]) == 0
+    assert run(["evaluate", "--workers", "1", "--json", str(figures), "--log", str(log)]) == 0
     assert "1 of 2" in capsys.readouterr().out
     observer = observer_of(figures, "paper-affine")
+    names = {one["name"] for one in json.loads(figures.read_text())["observers"]}
+    assert names == {"fusion", "paper-affine", "paper-cart", "momentum"}, "no oracle of a recording"
     (robot,) = observer["robots"]
     assert (robot["felt"]["count"], robot["felt"]["of"]) == (1, 2)
     assert false_of(observer)["begins"] == 0
