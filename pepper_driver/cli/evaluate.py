@@ -107,10 +107,14 @@ def evaluate_command(
     ] = None,
     draws: Annotated[
         str | None,
-        typer.Option(metavar="N-M", help="Robots of the development split, such as 0-7."),
+        typer.Option(
+            metavar="N-M",
+            help="Robots of the development split, such as 0-7; by default those of config/touch_suites.yaml.",
+        ),
     ] = None,
     note: Annotated[
-        str, typer.Option(help="Reason for a look at the test split, for the ledger.")
+        str,
+        typer.Option(metavar="TEXT", help="Reason for a look at the test split, for the ledger."),
     ] = "",
     give_up: Annotated[
         bool,
