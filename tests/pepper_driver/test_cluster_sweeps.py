@@ -54,7 +54,7 @@ REFUSED = "no scheduler there (connection refused); start one"
 @pytest.mark.parametrize(
     ("command", "options", "said"),
     [
-        ("evaluate --suite free", NOBODY, REFUSED),
+        ("evaluate --suite paper", NOBODY, REFUSED),
         ("calibrate", NOBODY, REFUSED),
         ("identify --out x.json", NOBODY, REFUSED),
         (
