@@ -21,7 +21,7 @@ from pepper_driver.config import (
     load_robot,
     load_safety_settings,
 )
-from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.evaluation import SuiteRun
 from pepper_driver.config.files import content_hash, make_folder, replacing, write_json
 from pepper_driver.config.loading import package_file
@@ -81,8 +81,6 @@ class Episode:
         recording: What observers are stepped over.
         pushes: In the order of their onset. Torque and degrees are the largest that really acted on the joint.
         contact_torque: (n, N) true external torque, mean over each cycle [N m].
-        saturated: (n, N) where a motor board was at its limit.
-        stiffness_constant: (N,) K = kp N Kt / R [N m/rad].
     """
 
     suite: str
@@ -95,8 +93,6 @@ class Episode:
     recording: Recording
     pushes: tuple[KnownPush, ...]
     contact_torque: FloatArray
-    saturated: BoolArray
-    stiffness_constant: FloatArray
 
     def save(self, folder: Path) -> None:
         """Write it into a folder of its own; complete once ``episode.json`` is there.
@@ -107,13 +103,7 @@ class Episode:
         make_folder(folder)
         self.recording.save(folder / _RECORDING)
         with replacing(folder / _TRUTH) as partial, partial.open("wb") as file:
-            np.savez_compressed(
-                file,
-                allow_pickle=False,
-                contact_torque=self.contact_torque,
-                saturated=self.saturated,
-                stiffness_constant=self.stiffness_constant,
-            )
+            np.savez_compressed(file, allow_pickle=False, contact_torque=self.contact_torque)
         labels = {key: getattr(self, key) for key in _labels()}
         write_json(folder / _LABELS, {**labels, "pushes": [_as_json(push) for push in self.pushes]})
 
@@ -131,11 +121,7 @@ class Episode:
                 truth = {name: file[name] for name in file.files}
             pushes = tuple(KnownPush(**_from_json(push)) for push in labels.pop("pushes"))
             episode = cls(**labels, recording=recording, pushes=pushes, **truth)
-            if (
-                not episode.contact_torque.shape
-                == episode.saturated.shape
-                == recording.position.shape
-            ):
+            if episode.contact_torque.shape != recording.position.shape:
                 raise EpisodeError("recording and truth are of different length")
         except Exception as error:  # decoders raise anything on damaged bytes
             reason = " ".join(str(error).split()) or type(error).__name__
@@ -202,14 +188,12 @@ def _performed(run: SuiteRun, pepper: Pepper) -> Episode:
     robot, truth = pepper.config, pepper.backend.truth
     builder = RecordingBuilder(robot)
     torque: list[FloatArray] = []
-    saturated: list[BoolArray] = []
     tilt = 0.0
 
     def on_tick(tick: Tick, _: Observation | None) -> None:
         nonlocal tilt
         builder.append(tick)
         torque.append(truth.contact_torque)
-        saturated.append(truth.saturated)
         tilt = max(tilt, float(np.abs(truth.tilt).max()))
 
     reason, stopped = "", False
@@ -241,8 +225,6 @@ def _performed(run: SuiteRun, pepper: Pepper) -> Episode:
             for push in sorted(pushes, key=lambda push: push.onset)
         ),
         contact_torque=contact_torque,
-        saturated=np.array(saturated),
-        stiffness_constant=pepper.backend.plant.stiffness,
     )
 
 

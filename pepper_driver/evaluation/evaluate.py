@@ -34,7 +34,7 @@ from pepper_driver.evaluation.observers_under_test import (
     reference_plant,
 )
 from pepper_driver.evaluation.results import EpisodeInfo, EvaluationResult, Failure
-from pepper_driver.evaluation.true_pushes import LoggedPlant, true_pushes
+from pepper_driver.evaluation.true_pushes import true_pushes
 from pepper_driver.log import read_log
 from pepper_driver.recording.labels import pushes_of, recording_of
 
@@ -123,16 +123,13 @@ def episode_of_log(path: Path) -> Episode:
     log = read_log(path)
     recording = recording_of(log, robot)
     contact_torque = np.full(recording.position.shape, np.nan)
-    saturated = np.zeros(recording.position.shape, dtype=np.bool_)
-    stiffness = np.full(len(robot.joint_names), np.nan)
     if log.labels or log.truth is None:
         pushes = pushes_of(log)
     else:
-        pushes, stiffness = true_pushes(log, robot), LoggedPlant.of(log).stiffness
+        pushes = true_pushes(log, robot)
         # Of a damaged log rows of the truth may be missing, or have no tick.
         _, rows, true_rows = np.intersect1d(recording.time, log.truth["time"], return_indices=True)
         contact_torque[rows] = log.truth["contact_torque"][true_rows]
-        saturated[rows] = log.truth["saturated"][true_rows]
     return Episode(
         suite="log",
         experiment=path.stem,
@@ -144,8 +141,6 @@ def episode_of_log(path: Path) -> Episode:
         recording=recording,
         pushes=pushes,
         contact_torque=contact_torque,
-        saturated=saturated,
-        stiffness_constant=stiffness,
     )
 
 
@@ -236,7 +231,6 @@ def run_job(job: Job, contestants: ObserversUnderTest) -> JobResult:
             failures.append(_failure(f"{job.title}, {mode}", error))
     info = EpisodeInfo(
         suite=job.suite,
-        experiment=episode.experiment,
         plant=episode.plant,
         seed=episode.seed,
         seconds=len(episode.recording) * robot.cycle,

@@ -15,7 +15,6 @@ class EpisodeInfo:
     """Description of an episode."""
 
     suite: str
-    experiment: str
     plant: str
     seed: int
     seconds: float

@@ -111,8 +111,6 @@ def make_episode(
         recording=run,
         pushes=tuple(pushes),
         contact_torque=np.zeros((len(run), JOINTS)),
-        saturated=np.zeros((len(run), JOINTS), dtype=np.bool_),
-        stiffness_constant=np.full(JOINTS, STIFFNESS),
         suite=suite,
         experiment=experiment,
         plant="nominal",
