@@ -1,7 +1,7 @@
 """Goals and contacts of the frozen suites, and of identification, are those that were recorded long before.
 
 The digests were made with an earlier planner and another form of file; each is of all segments of one episode. Some are
-of the first goals of an episode only. ``make test-all`` plans every episode, which takes ten minutes.
+of the first goals of an episode only. ``make test-all`` plans every episode, which takes minutes.
 """
 
 from __future__ import annotations
