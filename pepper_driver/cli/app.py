@@ -111,7 +111,7 @@ COMMANDS = {
         place="evaluate:evaluate_command",
         summary="Score the contacts of observers, on seeded simulated runs or labelled recordings.",
         example="pepper evaluate --suite paper --quick",
-        docs="results.md",
+        docs="judge.md",
     ),
     "bench": CommandEntry(
         place="bench:bench",

@@ -12,8 +12,6 @@ from pepper_driver.evaluation.episode_score import EpisodeScore
 from pepper_driver.observer import FitScore
 
 PAPER_SUITE = "paper"
-CONFIDENCE = 0.95
-"""Of intervals on the pages of results."""
 
 
 @dataclass(frozen=True, kw_only=True)

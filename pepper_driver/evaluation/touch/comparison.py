@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pepper_driver.evaluation.metrics import CONFIDENCE
+from pepper_driver.evaluation.touch.n90 import CONFIDENCE
 from pepper_driver.evaluation.touch.summary_data import ALL, ObserverSummary, RobotFigures
 
 RESAMPLES = 2000

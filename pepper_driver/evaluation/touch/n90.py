@@ -12,7 +12,9 @@ from scipy.special import gammaincinv, ndtri
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import ArgumentError
-from pepper_driver.evaluation.metrics import CONFIDENCE
+
+CONFIDENCE = 0.95
+"""Of all intervals."""
 
 SHARE = 0.9
 """Share of touches that are felt at N90."""

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pepper_driver.config import RobotConfig
-from pepper_driver.evaluation.metrics import CONFIDENCE
 from pepper_driver.evaluation.touch.map import TICKS, law_in_words, n90_figure
-from pepper_driver.evaluation.touch.n90 import SHARE
+from pepper_driver.evaluation.touch.n90 import CONFIDENCE, SHARE
 from pepper_driver.evaluation.touch.observers import ABLATIONS, FUSION, MATCHED
 from pepper_driver.evaluation.touch.summary_data import (
     GROUPS,
