@@ -13,11 +13,14 @@ from pepper_driver.config import load_robot
 from pepper_driver.config.evaluation import EvaluationSuites, load_evaluation
 from pepper_driver.controller import Tick
 from pepper_driver.evaluation import episodes
+from pepper_driver.evaluation.touch import split
+from pepper_driver.evaluation.touch.split import Judging
 from pepper_driver.log import Label, LogWriter
 from pepper_driver.loop import TickRecord
 from pepper_driver.observer import Observation
 from pepper_driver.robot import Pepper
 from support.evaluation import at_once
+from support.touch_robots import FAILS, identified, two_takes
 
 ROBOT = load_robot()
 
@@ -174,6 +177,32 @@ def test_a_simulated_run_needs_no_labels(
         cell["place"]: cell["felt"]["count"] for cell in observer["groups"] or observer["cells"]
     }
     assert places.get("forearm", 1) == 1
+
+
+def test_robots_of_a_split_from_touch_to_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(split, "identify_population", identified)
+    monkeypatch.setattr(Judging, "specs", two_takes)
+    monkeypatch.setattr(command, "_reference", lambda *_: None)  # minutes
+    figures, page = tmp_path / "f.json", tmp_path / "r.md"
+    arguments = ["evaluate", "--split", "development", "--draws", f"0,{FAILS}", "--workers", "1"]
+    arguments += ["--observer", "fusion,momentum", "--folder", str(tmp_path / "work")]
+    assert run([*arguments, "--json", str(figures), "--report", str(page)]) == 1
+    shown = capsys.readouterr().out
+    assert "as a user hears it" in shown
+    assert (
+        f"failed: random {FAILS}: not identified, its touches count as not felt: it broke" in shown
+    )
+    content = json.loads(figures.read_text())
+    assert (content["split"], content["look"]) == ("development", None)
+    for name in ("fusion", "momentum"):
+        robots = {r["robot"]: r["felt"]["of"] for r in observer_of(figures, name)["robots"]}
+        assert set(robots) == {"random 0", f"random {FAILS}"}
+    text = page.read_text()
+    assert "Development split" in text
+    assert "it broke" in text
+    assert (tmp_path / "r" / "touch_map.png").exists() or "touch_map" not in text
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import shutil
 import subprocess
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,7 +10,6 @@ from typing import Any
 import pytest
 
 import pepper_driver.evaluation.touch.split as split
-import pepper_driver.observer.models as models
 from pepper_driver.config import ConfigError, load_robot
 from pepper_driver.config.evaluation_baselines import load_evaluation_baselines
 from pepper_driver.config.population import HeldOutDrawError
@@ -23,56 +21,9 @@ from pepper_driver.evaluation.touch.observers import ModelFiles, make
 from pepper_driver.evaluation.touch.records import RecordError, RobotRecord, load_robot_record
 from pepper_driver.evaluation.touch.split import Judging, judge
 from pepper_driver.evaluation.touch.takes import TakeSpec, perform
-from pepper_driver.identification import IdentifiedRobot
+from support.touch_robots import FAILS, identified, own_models, two_takes
 
 SUITES = load_touch_suites(load_robot())
-FAILS = 5
-"""Draw of the robot that cannot be identified."""
-
-
-def own_models(name: str) -> Path:
-    """Return a shipped model file."""
-    assert models.__file__ is not None
-    return Path(models.__file__).parent / f"nominal-{name}.json"
-
-
-def identified(
-    uri: str,
-    draws: Sequence[int],
-    *args: object,
-    progress: Callable[[IdentifiedRobot, int, int], None],
-    **kwargs: object,
-) -> tuple[IdentifiedRobot, ...]:
-    """Stand in for an identification of several minutes: shipped models, and a robot that fails."""
-    robots = []
-    for draw in draws:
-        robot = IdentifiedRobot(
-            draw=draw,
-            name=f"random-{draw}",
-            state="identified",
-            file=own_models("fusion"),
-            other_files=(own_models("affine"), own_models("cart")),
-            report={"fit": {"fusion": {"LElbowRoll": {"estimation": 90.0, "test": 80.0}}}},
-        )
-        if draw == FAILS:
-            robot = replace(
-                robot, state="failed", file=None, other_files=(), reason="it broke", report={}
-            )
-        progress(robot, 0, 0)
-        robots.append(robot)
-    return tuple(robots)
-
-
-def two_takes(judging: Judging, draw: int) -> tuple[TakeSpec, ...]:
-    """Return one short take with touches and one without, of the takes of a robot."""
-    takes = plan(judging, draw)
-    touched = next(take for take in takes if take.name == "touch-gesturing-0")
-    free = next(take for take in takes if take.name == "free-gesturing-0")
-    acts = [act for act in touched.acts if act.row.act == "push" and act.row.duration <= 1.0]
-    return replace(touched, acts=tuple(acts[:2])), replace(free, seconds=2.0)
-
-
-plan = Judging.specs
 
 
 @pytest.fixture(autouse=True)
