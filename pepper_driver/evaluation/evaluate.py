@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -33,6 +31,7 @@ from pepper_driver.evaluation.observers_under_test import (
     ObserversUnderTest,
     reference_plant,
 )
+from pepper_driver.evaluation.quiet import quiet
 from pepper_driver.evaluation.results import EpisodeInfo, EvaluationResult, Failure
 from pepper_driver.evaluation.true_pushes import true_pushes
 from pepper_driver.log import read_log
@@ -220,7 +219,8 @@ def run_job(job: Job, contestants: ObserversUnderTest) -> JobResult:
     failures: list[Failure] = []
     for mode in contestants.of_suite(episode.suite):
         try:
-            with _unwarned():
+            # Advice to identify a robot again: robots and models of a suite are what they are meant to be.
+            with quiet("pepper_driver.observer"):
                 watched = watch(
                     contestants.observer(mode, episode, robot), episode.recording, tested
                 )
@@ -238,18 +238,6 @@ def run_job(job: Job, contestants: ObserversUnderTest) -> JobResult:
     return JobResult(
         suite=job.suite, episode=info, scores=scores, traces=tuple(traces), failures=tuple(failures)
     )
-
-
-@contextmanager
-def _unwarned() -> Iterator[None]:
-    """Silence the advice to identify a robot again: robots and models of a suite are what they are meant to be."""
-    log = logging.getLogger("pepper_driver.observer")
-    level = log.level
-    log.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        log.setLevel(level)
 
 
 def _failure(title: str, error: Exception) -> Failure:

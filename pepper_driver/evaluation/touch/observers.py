@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import logging
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -33,6 +32,7 @@ from pepper_driver.evaluation.observers_under_test import (
     OracleObserver,
     untouched_error,
 )
+from pepper_driver.evaluation.quiet import quiet
 from pepper_driver.evaluation.touch.records import Hearing, TorqueEstimate, Touched
 from pepper_driver.evaluation.touch.scoring import heard
 from pepper_driver.observer import (
@@ -451,7 +451,7 @@ def watch_all(
         name: _Listener(observer, len(robot.joint_names), wanted)
         for name, observer in observers.items()
     }
-    with _warnings(warn):
+    with nullcontext() if warn else quiet("pepper_driver.observer"):
         for listener in listeners.values():
             listener.reset()
         for row, tick in enumerate(recording.ticks()):
@@ -490,16 +490,3 @@ def _wanted(
         plateaus=plateaus,
         true=true_torque,
     )
-
-
-@contextmanager
-def _warnings(allowed: bool) -> Iterator[None]:
-    """Silence the warnings of observers unless they are allowed."""
-    log = logging.getLogger("pepper_driver.observer")
-    level = log.level
-    if not allowed:
-        log.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        log.setLevel(level)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import logging
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -21,6 +19,7 @@ from pepper_driver.config.population import HeldOutDrawError
 from pepper_driver.config.touch_suites import PlannedAct, TouchSuites, load_touch_suites
 from pepper_driver.controller import Tick
 from pepper_driver.evaluation.episodes import REDRAWN, REDRAWS, TIPPED
+from pepper_driver.evaluation.quiet import quiet
 from pepper_driver.evaluation.touch.people import MadeTouch, Person
 from pepper_driver.evaluation.touch.records import Take, Touched
 from pepper_driver.evaluation.touch.states import STATES, Deaf, State
@@ -191,7 +190,7 @@ def perform(spec: TakeSpec, models: Path | None) -> Performance:
     for again in range(REDRAWS + 1):
         drawn = replace(spec, seed=(*spec.seed[:-1], spec.seed[-1] + again * REDRAWN))
         try:
-            with _without_warnings():
+            with quiet("pepper_driver"):  # people press a bumper on purpose
                 done = _Stage(drawn, models).perform()
         except HeldOutDrawError:
             raise
@@ -211,18 +210,6 @@ def perform(spec: TakeSpec, models: Path | None) -> Performance:
         planned=planned,
     )
     return Performance(take=take, recording=None, true_torque=np.empty((0, 0)))
-
-
-@contextmanager
-def _without_warnings() -> Iterator[None]:
-    """Keep quiet what people cause on purpose, such as a bumper that is pressed."""
-    log = logging.getLogger("pepper_driver")
-    level = log.level
-    log.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        log.setLevel(level)
 
 
 def _record(spec: TakeSpec, start: float, end: float, touched: Sequence[Touched]) -> Take:
