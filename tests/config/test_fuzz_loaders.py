@@ -21,6 +21,7 @@ from pepper_driver.config import (
     load_self_collision,
     load_world,
 )
+from pepper_driver.config.evaluation_baselines import load_evaluation_baselines
 from pepper_driver.config.loading import package_file, read_yaml
 from support import ROOT
 from support.examples import examples
@@ -58,6 +59,7 @@ LOADERS: dict[str, tuple[Path, Loader]] = {
         package_file("self_collision.yaml"),
         lambda p: load_self_collision(ROBOT, p),
     ),
+    "baselines": (package_file("evaluation_baselines.yaml"), load_evaluation_baselines),
     "recordings": (package_file("recordings.yaml"), lambda p: load_recordings(ROBOT, p)),
     "experiment": (EXPERIMENTS / "known_pushes.yaml", lambda p: load_experiment(p, ROBOT)),
     "other experiment": (EXPERIMENTS / "retract.yaml", lambda p: load_experiment(p, ROBOT)),
