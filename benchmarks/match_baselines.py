@@ -1,7 +1,7 @@
 """Choice of the factors in ``config/evaluation_baselines.yaml``: baselines at the false contacts of our own observer.
 
-Robots of the development split are left alone, standing and moving, as `pepper evaluate --split development` does. For
-each baseline with a constant threshold the factor is the smallest of its FACTORS with which it has no more false contacts
+Robots of the development split are left alone, standing and moving, as `pepper evaluate --split development` does. The
+factor of a baseline with a constant threshold is the smallest of its FACTORS with which it has no more false contacts
 (begins and moves) than `fusion` on the same ticks; the largest where none is enough. They are chosen once, before the
 first look at the test split. Takes that are over are kept: the same command goes on after Ctrl-C.
 Run: python benchmarks/match_baselines.py --draws 0-7
