@@ -29,12 +29,12 @@ from pepper_driver.evaluation.touch.summary import summarise_touch
 from pepper_driver.evaluation.touch.summary_data import TouchSummary
 
 FACTORS = {
-    "momentum": (1.0, 1.2, 1.4, 1.6, 1.8, 2.0),
-    "paper-affine": (1.0, 1.6, 1.8, 2.0, 2.2, 2.5),
-    "paper-cart": (1.0, 2.0, 2.2, 2.5, 2.8),
-    "error": (1.0, 2.8, 3.2, 3.6, 4.0),
+    "momentum": (1.0, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0),
+    "paper-affine": (1.0, 3.0, 4.0, 5.0, 6.0, 7.0),
+    "paper-cart": (1.0, 3.0, 4.0, 5.0, 6.0, 7.0),
+    "error": (1.0, 4.0, 5.0, 6.0, 7.0, 8.0),
 }
-"""Finer where a first run on two robots, from 0.5 to 8, came down to the false contacts of ours."""
+"""Finer where two runs with fewer factors came down to the false contacts of ours."""
 
 
 def false_contacts(summary: TouchSummary, observer: str) -> int:

@@ -138,7 +138,7 @@ def test_touched_joints_come_once_in_the_order_of_the_file(tmp_path: Path) -> No
         (JOINT_PUSH, "degrees", 91.0, "degrees", "must be 90 or less"),
         (JOINT_PUSH, "force", [0.0, 1.0, 0.0], "force", "unknown key"),
         (GRAB, "pull", [0.0, 1.1, 0.0], "", "1 m at most"),
-        (GRAB, "stiffness", 100.0, "stiffness", "must be 500 or more"),
+        (GRAB, "stiffness", 100.0, "stiffness", "must be 300 or more"),
         (GRAB, "max_force", 0.0, "max_force", "must be above 0"),
         (GRAB, "duration", 1.0, "duration", "unknown key"),
         (PUSHES, "times.0", -0.1, "times.0", "must be 0 or more"),

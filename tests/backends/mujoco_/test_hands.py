@@ -172,7 +172,7 @@ def test_overlaps_are_found(
         ({"pull": [0.0, 1.0]}, ValueError),
         ({"pull": [0.0, 1.5, 0.0]}, ValueError),
         ({"point": [0.0, 0.0]}, ValueError),
-        ({"stiffness": 400.0}, ValueError),
+        ({"stiffness": 299.0}, ValueError),
         ({"stiffness": 3001.0}, ValueError),
         ({"stiffness": np.nan}, ValueError),
         ({"rise": 0.0}, ValueError),
