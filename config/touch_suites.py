@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
@@ -162,6 +162,8 @@ class TouchSuites:
 
     def __post_init__(self) -> None:
         check_bounds("pause", self.pause)
+        if missing := [name for name in get_args(Split) if name not in self.splits]:
+            raise ValueError(f"'splits' has no '{missing[0]}'")
 
     @property
     def digest(self) -> str:

@@ -88,7 +88,7 @@ class JudgedSplit:
             "split": self.options.split,
             "simulated": True,
             "quick": self.options.quick,
-            "suites": self.suites.digest,
+            "suites": self.suites.digest if self.look is None else self.look.suites,
             "look": look,
             **self.summary.as_json(),
         }
@@ -96,10 +96,10 @@ class JudgedSplit:
     def origin(self, report: Path) -> Origin:
         """Return the origin of the figures, for a page."""
         robots = ", ".join(str(record.draw) for record in self.records)
-        look, quick = (
-            self.look,
-            " Few and short takes: to try, not to quote." if self.options.quick else "",
-        )
+        look, suites = self.look, self.suites.digest
+        quick = " Few and short takes: to try, not to quote." if self.options.quick else ""
+        if look is not None:
+            suites = look.suites
         by = (
             f"Look {look.look} at the test split, begun {look.begun.date()}, from commit {look.commit[:12]}: code "
             f"{look.code}, constants {look.constants}"
@@ -108,9 +108,10 @@ class JudgedSplit:
         )
         root = repository_or_none()
         return Origin(
-            command=f"pepper evaluate --split {self.options.split} --report {report.name}",
+            command=f"pepper evaluate --split {self.options.split}"
+            f"{' --last-look' if self.options.last_look else ''} --report {report.name}",
             lines=(
-                f"{by}. Suites {self.suites.digest}. Draws of `{self.suites.population}`: {robots}.{quick}",
+                f"{by}. Suites {suites}. Draws of `{self.suites.population}`: {robots}.{quick}",
             ),
             development=look is None,
             ledger=() if root is None else read_ledger(root / LEDGER),

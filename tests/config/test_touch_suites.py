@@ -117,6 +117,7 @@ def test_a_change_is_seen(copy: Path) -> None:
         ("pause: [2.0, 3.5]", "pause: [3.5, 2.0]", "pause"),
         ("act: taps", "act: tabs", "rows.*act"),
         ("version: 1", "version: 2", "version"),
+        ("  test: {first: 100", "  tset: {first: 100", "splits"),
     ],
 )
 def test_a_wrong_value_is_named(copy: Path, before: str, after: str, problem: str) -> None:

@@ -403,10 +403,11 @@ class Hanging(MockBackend):
 
     def __init__(self) -> None:
         super().__init__()
-        self.go = threading.Event()
+        self.go, self.hangs = threading.Event(), threading.Event()
 
     def read(self) -> Measurement:
         if self._tick == 4:
+            self.hangs.set()
             self.go.wait(PATIENCE)
         return super().read()
 
@@ -430,7 +431,8 @@ def test_leaving_a_robot_that_hangs_ends_all_else(
     robot = pepper.backend = Deaf() if deaf else Hanging()
     pepper.start()
     run = in_thread(lambda: pepper.run(1.0))
-    assert wait_until(lambda: robot._tick == 4)
+    # Only now: before its next tick begins, the robot can still be closed without it.
+    assert robot.hangs.wait(PATIENCE)
     begin = clock.monotonic()
     if deaf:
         with pytest.raises(BackendError, match="may still be stiff"):

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pepper_driver.observer.models as models
+from pepper_driver.config.touch_suites import EVEN
 from pepper_driver.evaluation.touch.split import Judging
 from pepper_driver.evaluation.touch.takes import TakeSpec
 from pepper_driver.identification import IdentifiedRobot
@@ -53,7 +54,7 @@ def two_takes(judging: Judging, draw: int) -> tuple[TakeSpec, ...]:
     takes = plan(judging, draw)
     touched = next(take for take in takes if take.name == "touch-gesturing-0")
     free = next(take for take in takes if take.name == "free-gesturing-0")
-    acts = [act for act in touched.acts if act.row.act == "push" and act.row.duration <= 1.0]
+    acts = [act for act in touched.acts if act.row.name == EVEN]
     return replace(touched, acts=tuple(acts[:2])), replace(free, seconds=2.0)
 
 

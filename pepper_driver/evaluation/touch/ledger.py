@@ -9,14 +9,11 @@ from __future__ import annotations
 import csv
 import io
 import math
-import os
-import shutil
-import subprocess
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from pepper_driver.config import PepperError, load_observer_settings
 from pepper_driver.config.cluster import sources_hash
@@ -25,15 +22,13 @@ from pepper_driver.config.evaluation_baselines import load_evaluation_baselines
 from pepper_driver.config.file_lock import lock_file
 from pepper_driver.config.files import content_hash, make_folder, write_bytes
 from pepper_driver.config.population import parse_draws
+from pepper_driver.evaluation.touch.commit import versions_of, work_tree
+from pepper_driver.evaluation.touch.n90 import MAX_FORCE
 
 FIRST_DRAW, ROBOTS, HUNDRED = 100, 20, 100
 """Draw of the first look's first robot; robots of a look; from one look's draws to those of the next."""
 
-LARGEST_FORCE = 30.0
-"""[N] of the suites: an N90 beyond it is written as ``>30``."""
-
-MOST_NAMED = 5
-"""Files that a message names."""
+T = TypeVar("T")
 
 _APART = (
     *(f"{name}/*" for name in ("bench", "callbacks", "cli", "doctor", "rendering")),
@@ -51,10 +46,6 @@ _APART = (
 
 class LedgerError(PepperError, ValueError):
     """The ledger is damaged, or does not allow this look."""
-
-
-class CommitError(PepperError, RuntimeError):
-    """The commit is not one from which a look may be taken."""
 
 
 # -- hashes -----------------------------------------------------------------------------------------------------------
@@ -86,7 +77,7 @@ class Figures:
         false_contacts: Of the takes in which no one touches the robot.
         hours: In which they could have come [h].
         n90_standing_nominal, n90_standing_integral: N90 of the hand of a standing robot, by board law [N]; infinite
-            where it is beyond LARGEST_FORCE.
+            where it is beyond MAX_FORCE.
         n90_moving_nominal, n90_moving_integral: The same of a moving robot.
         delay_ms: Median delay of the alarm [ms].
     """
@@ -197,9 +188,13 @@ def _read(path: Path) -> list[tuple[str, Look]]:
         return []
     except (OSError, UnicodeDecodeError) as error:
         raise LedgerError(f"{path}: cannot be read ({reason(error)})") from error
+    return _lines(text, str(path))
+
+
+def _lines(text: str, source: str) -> list[tuple[str, Look]]:
     lines = text.removesuffix("\n").split("\n")
     if lines[0].rstrip("\r") != ",".join(COLUMNS):
-        raise LedgerError(f"{path} line 1: not the columns of a ledger; {_CURE}")
+        raise LedgerError(f"{source} line 1: not the columns of a ledger; {_CURE}")
     found: list[tuple[str, Look]] = []
     for number, line in enumerate(lines[1:], 2):
         try:
@@ -207,7 +202,7 @@ def _read(path: Path) -> list[tuple[str, Look]]:
             if look.look != len(found) + 1:
                 raise ValueError(f"look {look.look} where look {len(found) + 1} is due")
         except (ValueError, csv.Error) as error:
-            raise LedgerError(f"{path} line {number}: damaged ({error}); {_CURE}") from error
+            raise LedgerError(f"{source} line {number}: damaged ({error}); {_CURE}") from error
         found.append((line, look))
     return found
 
@@ -251,14 +246,14 @@ def _parse(line: str) -> Look:
 _NUMBERS = tuple(f.name for f in fields(Figures) if f.name != "false_contacts")
 
 
-def _value(cells: dict[str, str], name: str, read: Callable[[str], Any]) -> Any:  # noqa: ANN401 by reader
+def _value(cells: dict[str, str], name: str, read: Callable[[str], T]) -> T:
     try:
         return read(cells[name])
     except ValueError as error:
         raise ValueError(f"'{name}' is {cells[name][:40]!r}") from error
 
 
-def _optional(cells: dict[str, str], name: str, read: Callable[[str], Any]) -> Any:  # noqa: ANN401 by reader
+def _optional(cells: dict[str, str], name: str, read: Callable[[str], T]) -> T | None:
     return _value(cells, name, read) if cells[name] else None
 
 
@@ -301,7 +296,7 @@ def _draws(text: str) -> str:
     return text
 
 
-_BEYOND = f">{LARGEST_FORCE:g}"
+_BEYOND = f">{MAX_FORCE:g}"
 
 
 def _line(look: Look) -> str:
@@ -508,57 +503,6 @@ def _seconds(now: datetime | None) -> datetime:
     return (now or datetime.now(UTC)).astimezone(UTC).replace(microsecond=0)
 
 
-# -- commits ----------------------------------------------------------------------------------------------------------
-
-
-def check_clean(root: Path, allowed: Sequence[Path]) -> str:
-    """Return the commit of a work tree, which must be clean.
-
-    Args:
-        root: A folder of the work tree.
-        allowed: Files and folders that may differ: the ledger, and results of the look.
-
-    Raises:
-        CommitError: There is no git, no repository or no commit here; or a file differs from the commit or is new.
-    """
-    top = _top(root)
-    entries = iter(_git(top, "status", "--porcelain=v1", "-z", "--untracked-files=all").split("\0"))
-    names = []
-    for entry in filter(None, entries):
-        names.append(entry[3:])
-        if "R" in entry[:2] or "C" in entry[:2]:
-            names.append(next(entries))  # the name before
-    if others := _others(top, names, allowed):
-        raise CommitError(
-            f"the test split is looked at only from a clean commit, and these files differ from it: {_named(others)}; "
-            "commit them, or undo the changes"
-        )
-    return _head(top)
-
-
-def check_resumed(root: Path, commit: str) -> None:
-    """Refuse to resume a look of a commit that HEAD does not come from.
-
-    :func:`begin_look` has compared code, constants and suites; other files, such as pages and documentation, may have
-    changed since.
-
-    Args:
-        root: A folder of the work tree.
-        commit: Of the look.
-
-    Raises:
-        CommitError: The commit is not known here, or is no ancestor of HEAD.
-    """
-    top = _top(root)
-    try:
-        _git(top, "merge-base", "--is-ancestor", commit, "HEAD")
-    except CommitError as error:
-        raise CommitError(
-            f"the unfinished look was begun from commit {commit[:12]}, which HEAD does not come from; 'git checkout' a "
-            "branch that does"
-        ) from error
-
-
 def check_whole(root: Path, ledger: Path) -> None:
     """Refuse a ledger that lacks a look which HEAD or a branch of this repository has.
 
@@ -567,80 +511,15 @@ def check_whole(root: Path, ledger: Path) -> None:
         ledger: Its ledger.
 
     Raises:
-        LedgerError: It lacks a look; the message names the cure.
+        LedgerError: It lacks a look, the message names the remedy; or a ledger is damaged.
         CommitError: There is no repository.
     """
-    top, here = _top(root), {(look.look, look.begun): look for look in read_ledger(ledger)}
-    name = ledger.resolve().relative_to(top).as_posix()
-    branches = _git(top, "for-each-ref", "--format=%(refname:short)", "refs/heads").split()
-    for reference in ("HEAD", *branches):
-        try:
-            text = _git(top, "show", f"{reference}:{name}")
-        except CommitError:  # it has no ledger
-            continue
-        for line in text.splitlines()[1:]:
-            look = _parse(line)
+    here = {(look.look, look.begun) for look in read_ledger(ledger)}
+    name = ledger.resolve().relative_to(work_tree(root)).as_posix()
+    for reference, text in versions_of(root, name).items():
+        for _, look in _lines(text, f"{name} of {reference}"):
             if (look.look, look.begun) not in here:
                 raise LedgerError(
                     f"{ledger}: look {look.look} of {look.begun.date()} is missing, which {reference} has: "
                     f"'git checkout {reference} -- {name}' brings it back, 'git merge {reference}' also its results"
                 )
-
-
-def _others(top: Path, names: Iterable[str], allowed: Sequence[Path]) -> list[str]:
-    """Return the names, relative to ``top``, that lie in nothing that is allowed."""
-    free = [path.resolve() for path in allowed]
-    return [
-        name
-        for name in names
-        if not any((place := top / name) == one or one in place.parents for one in free)
-    ]
-
-
-def _named(names: Sequence[str]) -> str:
-    more = len(names) - MOST_NAMED
-    return ", ".join(names[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
-
-
-def _top(root: Path) -> Path:
-    if shutil.which("git") is None:
-        raise CommitError("the test split needs git, to know the commit that is judged: install it")
-    try:
-        return Path(_git(root, "rev-parse", "--show-toplevel").removesuffix("\n")).resolve()
-    except CommitError as error:
-        raise CommitError(
-            f"{root}: no git repository, and the test split is looked at only from a commit of one ({error})"
-        ) from error
-
-
-def _head(top: Path) -> str:
-    try:
-        return _git(top, "rev-parse", "--verify", "HEAD^{commit}").strip()
-    except CommitError as error:
-        raise CommitError(f"{top}: the repository has no commit yet") from error
-
-
-_OF_HOOKS = ("GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE", "GIT_OBJECT_DIRECTORY", "GIT_PREFIX")
-"""Variables that git sets for its hooks, and that would name another repository."""
-
-
-def _git(folder: Path, *arguments: str) -> str:
-    """Return the output of git in a folder."""
-    environment = {key: value for key, value in os.environ.items() if key not in _OF_HOOKS}
-    try:
-        done = subprocess.run(
-            ["git", *arguments],
-            cwd=folder,
-            env={**environment, "LC_ALL": "C", "GIT_OPTIONAL_LOCKS": "0"},
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            encoding="utf-8",
-            errors="surrogateescape",
-            check=False,
-        )
-    except OSError as error:
-        raise CommitError(f"{folder}: git cannot be asked ({reason(error)})") from error
-    if done.returncode:
-        said = next(iter(done.stderr.strip().splitlines()), f"error {done.returncode}")
-        raise CommitError(f"git: {said.removeprefix('fatal: ')}")
-    return done.stdout

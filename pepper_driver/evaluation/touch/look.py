@@ -11,12 +11,11 @@ from pepper_driver.config import ConfigError
 from pepper_driver.config.evaluation_baselines import load_evaluation_baselines
 from pepper_driver.config.population import allow_test_draws
 from pepper_driver.config.workers import Workers
+from pepper_driver.evaluation.touch.commit import check_clean, check_resumed
 from pepper_driver.evaluation.touch.ledger import (
     LedgerError,
     Look,
     begin_look,
-    check_clean,
-    check_resumed,
     check_whole,
     code_hash,
     complete_look,
@@ -69,7 +68,7 @@ def take_look(
     """Look at the test split, or resume a look that was interrupted.
 
     Args:
-        judging: How; its ``records`` are put beside the ledger.
+        judging: Rules; its ``records`` are put beside the ledger.
         root: Folder of the repository.
         note: Reason for the look.
         give_up: True to give up an unfinished look, and its draws.
@@ -81,7 +80,8 @@ def take_look(
         The line of the ledger, and the robots.
 
     Raises:
-        CommitError: The commit is not clean, or not that of the unfinished look.
+        ConfigError: The factors of the baselines are not chosen yet.
+        CommitError: The commit is not clean, or does not come from that of the unfinished look.
         LedgerError: The ledger is damaged, or does not allow this look.
         PepperError: As of :func:`judge`.
     """

@@ -19,7 +19,7 @@ CONFIDENCE = 0.95
 SHARE = 0.9
 """Share of touches that are felt at N90."""
 
-LARGEST = 30.0
+MAX_FORCE = 30.0
 """[N] Touches of people end here; a larger N90 is none."""
 
 MIDDLES = np.exp(np.linspace(math.log(0.5), math.log(200.0), 154))
@@ -54,7 +54,7 @@ class N90:
     """Force of which SHARE of the touches are felt.
 
     Attributes:
-        newtons: The force [N]; infinite where it is not reached until LARGEST.
+        newtons: The force [N]; infinite where it is not reached until MAX_FORCE.
         low, high: Its interval [N], bootstrap over robots, CONFIDENCE; None with one robot.
         worst: Largest N90 of one robot, with the slope and the lapse rate of all [N].
         worst_robot: Name of that robot.
@@ -95,7 +95,7 @@ class N90:
 
     def _newtons(self, value: float) -> str:
         if math.isinf(value):
-            return f"> {min(self.most, LARGEST):.3g}"
+            return f"> {min(self.most, MAX_FORCE):.3g}"
         return f"{value:.1f}" if value < 10.0 else f"{value:.0f}"
 
 
@@ -220,7 +220,7 @@ def _log_likelihood(
     # A curve with a larger lapse rate ends below SHARE.
     odds = np.where(reached < 1.0, reached / np.where(reached < 1.0, 1.0 - reached, 1.0), np.inf)
     value = middle * odds**slope
-    value[value > LARGEST] = np.inf
+    value[value > MAX_FORCE] = np.inf
 
     z = (np.log(forces) - np.log(middle)[:, None]) / slope[:, None]
     log_curve = -np.logaddexp(0.0, -z)

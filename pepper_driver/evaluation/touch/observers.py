@@ -311,13 +311,13 @@ AFTER_TOUCH = 0.8
 THRESHOLD_STRIDE = 25
 """One tick in so many is kept of the thresholds: 0.3 s, as long as a threshold stays raised."""
 
-LEAST_TORQUE = 0.5
+MIN_TORQUE = 0.5
 """[N m] A touch turns a joint on which it puts this much."""
 
-LEAST_RISE, PLATEAU_MARGIN = 0.1, 0.1
+MIN_RISE, PLATEAU_MARGIN = 0.1, 0.1
 """[s] Least time that the rise and the fall of a force are taken to last; from the rise to the plateau."""
 
-LEAST_ROWS = 3
+MIN_ROWS = 3
 """Ticks of a plateau with an estimate, without which it has no mean."""
 
 
@@ -394,7 +394,7 @@ class _Listener:
             for (touch, joint, _), (true, estimate), count in zip(
                 self._wanted.joints, self._sums.tolist(), self._counts.tolist(), strict=True
             )
-            if count >= LEAST_ROWS
+            if count >= MIN_ROWS
         ]
         return Hearing(
             events=heard(self._contacts),
@@ -474,11 +474,11 @@ def _wanted(
         touched |= (time >= touch.onset) & (time <= touch.release + AFTER_TOUCH)
         if true_torque is None:
             continue
-        rise = max(touch.rise or 0.0, LEAST_RISE)
+        rise = max(touch.rise or 0.0, MIN_RISE)
         first, last = touch.onset + rise + PLATEAU_MARGIN, touch.release - rise
         rows = np.flatnonzero((time >= first) & (time <= last)).tolist()
         for joint, torque in touch.torque.items():
-            if abs(torque) >= LEAST_TORQUE:
+            if abs(torque) >= MIN_TORQUE:
                 joints.append((number, joint, robot.joint_index(joint)))
                 for row in rows:
                     plateaus[row] = (*plateaus.get(row, ()), len(joints) - 1)

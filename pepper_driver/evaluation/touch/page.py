@@ -12,7 +12,7 @@ from pepper_driver.config.robot import TRUNK
 from pepper_driver.evaluation.report import number, section, table
 from pepper_driver.evaluation.touch.comparison import Difference, paired
 from pepper_driver.evaluation.touch.map import law_in_words
-from pepper_driver.evaluation.touch.n90 import LARGEST
+from pepper_driver.evaluation.touch.n90 import MAX_FORCE
 from pepper_driver.evaluation.touch.observers import ABLATIONS, FUSION
 from pepper_driver.evaluation.touch.scoring import (
     AFTER_RELEASE,
@@ -720,8 +720,8 @@ def limits(
         "so the true intervals are wider.",
         "Cells of single states have few touches: a strong one that is missed may alone lift their N90 beyond all "
         "forces. Read the pooled rows first.",
-        f"An N90 beyond {LARGEST:g} N is none: stronger touches are not made. Where less acted, as on the trunk, `> 14`"
-        " says that no touch was stronger than 14 N.",
+        f"An N90 beyond {MAX_FORCE:g} N is none: stronger touches are not made. Where less acted, as on the trunk, "
+        "`> 14` says that no touch was stronger than 14 N.",
         f"False contacts until {AFTER_RELEASE:g} s after a release on the limb are marked, not excused.",
     ]
     return section("Limits", "\n".join(f"- {line}" for line in lines))

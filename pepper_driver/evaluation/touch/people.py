@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.touch_suites import Act, PlacePoint, PlannedAct, TouchSuites
 from pepper_driver.controller import RobotModel
@@ -22,7 +21,7 @@ HAND_PERIOD = 0.048
 MAX_HAND_FORCE = 40.0
 """[N] of a hand that holds."""
 
-LEAST_TIPPING = 0.05
+MIN_TIPPING = 0.05
 """Ratio to what would tip the robot of a push beside others that leave it no more."""
 
 PULL = 0.04
@@ -85,7 +84,6 @@ class Person:
     ) -> None:
         self._ticks = ticks
         self._pepper, self._suites, self._generator = pepper, suites, generator
-        self._robot: RobotConfig = pepper.config
         self._model = RobotModel(pepper.config)
         self._polygon = SupportPolygon.from_robot(pepper.config)
         self.touches: list[MadeTouch] = []
@@ -188,7 +186,7 @@ class Person:
         now = self._pepper.time
         self._acting = [(end, other) for end, other in self._acting if end > now]
         left = self._suites.max_tipping - sum(other for _, other in self._acting)
-        fraction = min(1.0, max(left, LEAST_TIPPING) / ratio) if ratio > 0.0 else 1.0
+        fraction = min(1.0, max(left, MIN_TIPPING) / ratio) if ratio > 0.0 else 1.0
         self._acting.append((now + duration, fraction * ratio))
         return fraction * force
 

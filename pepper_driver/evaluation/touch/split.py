@@ -117,7 +117,7 @@ def judge(
     """Judge robots, in parts; what an earlier call has done is taken. The records do not depend on ``workers``.
 
     Args:
-        judging: How.
+        judging: Rules.
         draws: Numbers of the robots. Those for tests are allowed only inside
             :func:`pepper_driver.config.population.allow_test_draws`.
         workers: Processes, -1 for one per core; or a cluster, whose workers share the folders.
@@ -132,10 +132,8 @@ def judge(
         InUseError: Another run judges in the same folders.
         OutputError: A folder cannot be written to.
     """
-    for draw in sorted(draws, reverse=True):
-        load_plant(
-            judging.suites.population, load_robot(), draw=draw
-        )  # refused before anything is written
+    for draw in draws:  # those for tests are refused before anything is written
+        load_plant(judging.suites.population, load_robot(), draw=draw)
     for folder in (judging.folder, judging.records):
         make_folder(folder)
     key = judging.key()

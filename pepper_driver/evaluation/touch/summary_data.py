@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
 from pepper_driver.evaluation.touch.n90 import N90, poisson_interval, wilson_interval
 from pepper_driver.evaluation.touch.states import STANDING, STATES
+
+T = TypeVar("T")
 
 ALL: Literal["all"] = "all"
 """In place of a law, a place, a state or a suite: all of them together."""
@@ -409,15 +411,14 @@ class TouchSummary:
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data: what is infinite becomes None, and N90 has its text too."""
-        plain: dict[str, Any] = _plain(self)
-        return plain
+        return {field.name: _plain(getattr(self, field.name)) for field in fields(self)}
 
 
-def _found(items: Iterable[Any], **keys: object) -> Any:  # noqa: ANN401 an item
+def _found(items: Iterable[T], **keys: object) -> T | None:
     return next((i for i in items if all(getattr(i, k) == v for k, v in keys.items())), None)
 
 
-def _plain(value: object) -> Any:  # noqa: ANN401 data for JSON
+def _plain(value: object) -> object:
     if is_dataclass(value):
         plain = {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
         if isinstance(value, N90):

@@ -15,6 +15,7 @@ import numpy as np
 from pepper_driver.backends.simulated import TrueContact
 from pepper_driver.config import PepperError, RobotConfig, load_robot, load_safety_settings
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.errors import check_name
 from pepper_driver.config.population import HeldOutDrawError
 from pepper_driver.config.touch_suites import PlannedAct, TouchSuites, load_touch_suites
 from pepper_driver.controller import Tick
@@ -34,7 +35,7 @@ OTHER_DAY = 1
 HELD_BEFORE = 1.0
 """[s] A touch since before the start acts so long before the first tick of an observer."""
 
-LARGEST_FOLLOWING_ERROR = 2.0 * math.pi
+MAX_FOLLOWING_ERROR = 2.0 * math.pi
 """[rad] at which the safety gate stops the robot: people turn a wrist further than a user's gate lets them."""
 
 TABLE, OBJECT = "table met in motion", "object"
@@ -102,7 +103,12 @@ def plan_takes(suites: TouchSuites, draw: int, free: float) -> tuple[TakeSpec, .
         suites: Frozen.
         draw: The robot.
         free: Time in which no one touches it [s]; 0 for none.
+
+    Raises:
+        UnknownNameError: The suites name a state that does not exist.
     """
+    for state in (*suites.all_states, *suites.free.standing, *suites.free.moving):
+        check_name("state", state, STATES)
     takes: list[TakeSpec] = []
     for state in suites.all_states:
         for number, acts in enumerate(_dealt(suites, draw, state)):
@@ -241,7 +247,7 @@ class _Stage:
             observer = "fusion" if own is not None else Deaf(len(self._robot.joint_names))
         # Pushes on the chest press its button, and strong ones turn a wrist far: neither must end the take.
         safety = replace(
-            load_safety_settings(), chest_button=False, following_error=LARGEST_FOLLOWING_ERROR
+            load_safety_settings(), chest_button=False, following_error=MAX_FOLLOWING_ERROR
         )
         self._pepper = Pepper(
             spec.uri,
@@ -254,7 +260,6 @@ class _Stage:
         self._builder = RecordingBuilder(self._robot)
         self._torque: list[FloatArray] = []
         self._contacts: list[tuple[int, TrueContact]] = []
-        self._recording = False
         self._tilt = 0.0
         self._ticks, self._next_state = 0, 0
 
@@ -270,7 +275,6 @@ class _Stage:
             if before is not None:
                 next(before)
                 pepper.run(HELD_BEFORE)
-            self._recording = True
             if first is not None:
                 self._run(first.row.duration - HELD_BEFORE)
             self._run(max(suites.lead, self._state.lead))

@@ -100,8 +100,9 @@ def test_with_a_view_it_prints_the_page_which_ends_with_it(monkeypatch: pytest.M
         assert match
         with urllib.request.urlopen(match[1], timeout=30) as answer:
             assert b"<html" in answer.read()
+        # For a moment the browser is one of them.
+        assert wait_until(lambda: len(children(process.pid)) == 3, 10.0)
         pids = children(process.pid)
-        assert len(pids) == 3
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=60)
         assert "Traceback" not in err

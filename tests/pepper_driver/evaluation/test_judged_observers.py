@@ -34,6 +34,7 @@ from pepper_driver.observer import (
     ContactObserver,
     FusionModel,
     ModelFileError,
+    ModelKind,
     ModelSet,
     Observation,
     Observer,
@@ -133,8 +134,9 @@ def test_a_static_baseline_has_its_threshold_and_a_matched_one(name: str) -> Non
 
 def test_what_a_static_baseline_expects() -> None:
     features = RUN.features(INDEX)
-    for name, kind in (("paper-affine", "affine"), ("paper-cart", "cart")):
-        tree = ModelSet.load(shipped(kind)["nominal"]).models[JOINT]  # type: ignore[arg-type]
+    kinds: dict[str, ModelKind] = {"paper-affine": "affine", "paper-cart": "cart"}
+    for name, kind in kinds.items():
+        tree = ModelSet.load(shipped(kind)["nominal"]).models[JOINT]
         assert not isinstance(tree, FusionModel)
         said = [o.expected[INDEX] for o in observe(made(name), ticks=100)]
         np.testing.assert_array_equal(said, tree.predict(features[:100]))

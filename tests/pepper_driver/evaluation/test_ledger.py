@@ -14,15 +14,13 @@ from pepper_driver.config import cluster, load_observer_settings
 from pepper_driver.config.evaluation_baselines import load_evaluation_baselines
 from pepper_driver.config.file_lock import InUseError, lock_file
 from pepper_driver.evaluation.touch import ledger as module
+from pepper_driver.evaluation.touch.commit import CommitError, check_clean, check_resumed
 from pepper_driver.evaluation.touch.ledger import (
     COLUMNS,
-    CommitError,
     Figures,
     LedgerError,
     Look,
     begin_look,
-    check_clean,
-    check_resumed,
     check_whole,
     code_hash,
     complete_look,
@@ -387,6 +385,13 @@ def test_a_ledger_that_lacks_a_look_of_a_branch_is_refused(repository: Path) -> 
     with pytest.raises(LedgerError, match=r"look 1 of .* is missing, which HEAD has"):
         check_whole(repository, ledger)
     git(repository, "checkout", "-q", "--", ".")
+    git(repository, "checkout", "-q", "-b", "damaged")
+    ledger.write_text(ledger.read_text().replace("\n1,", "\nx,"))
+    git(repository, "commit", "-qam", "damaged")
+    git(repository, "checkout", "-q", main)
+    with pytest.raises(LedgerError, match=r"ledger.csv of damaged line 2: damaged"):
+        check_whole(repository, ledger)
+    git(repository, "branch", "-q", "-D", "damaged")
     git(repository, "checkout", "-q", "before")
     with pytest.raises(LedgerError, match=f"is missing, which {main} has: 'git checkout {main} --"):
         check_whole(repository, ledger)

@@ -15,7 +15,8 @@ from pepper_driver.config.evaluation_baselines import load_evaluation_baselines
 from pepper_driver.config.population import HeldOutDrawError
 from pepper_driver.config.touch_suites import load_touch_suites
 from pepper_driver.config.workers import run_jobs
-from pepper_driver.evaluation.touch.ledger import CommitError, LedgerError, code_hash, read_ledger
+from pepper_driver.evaluation.touch.commit import CommitError
+from pepper_driver.evaluation.touch.ledger import LedgerError, code_hash, read_ledger
 from pepper_driver.evaluation.touch.look import LEDGER, records_of_look, take_look
 from pepper_driver.evaluation.touch.observers import ModelFiles, make
 from pepper_driver.evaluation.touch.records import RecordError, RobotRecord, load_robot_record

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pepper_driver import Pepper
-from pepper_driver.config import load_robot
+from pepper_driver.config import UnknownNameError, load_robot
 from pepper_driver.config.population import HeldOutDrawError
 from pepper_driver.config.touch_suites import EVEN, Act, PlannedAct, TouchSuites, load_touch_suites
 from pepper_driver.controller import RobotModel
@@ -279,3 +279,9 @@ def test_a_take_in_which_the_robot_is_stopped_each_time_says_so(
     assert done.take.redrawn == 2
     assert len(done.take.reasons) == 3
     assert done.take.planned == ((EVEN, "forearm", 8.0),)
+
+
+def test_a_state_that_does_not_exist_is_named() -> None:
+    free = replace(SUITES.free, standing=("standign",))
+    with pytest.raises(UnknownNameError, match=r"standign.*did you mean standing"):
+        plan_takes(replace(SUITES, free=free), 0, 10.0)
