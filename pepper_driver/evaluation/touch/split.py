@@ -51,7 +51,7 @@ QUICK_STRIDE, QUICK_TOUCHES = 9, 5
 TREES: tuple[ModelKind, ...] = ("affine", "cart")
 
 Progress = Callable[[str, int, int], None]
-"""Called with (what was done, jobs done, jobs in all) of a part."""
+"""Called with (what was done, jobs done, jobs in all); a job is the identification of a robot, or a take."""
 
 Kept = Callable[[RobotRecord], None]
 """Called with the record of a robot once it is complete."""
@@ -145,10 +145,17 @@ def judge(
                 if kept is not None:
                     kept(record)
         left = [draw for draw in draws if draw not in done]
-        size = _part_size(workers)
+        size, total, count = _part_size(workers), sum(1 + len(judging.specs(d)) for d in left), 0
+
+        def tell(what: str) -> None:
+            nonlocal count
+            count += 1
+            if progress is not None:
+                progress(what, count, total)
+
         for start in range(0, len(left), size):
             part = left[start : start + size]
-            for record in _judge_part(judging, part, key, workers, progress):
+            for record in _judge_part(judging, part, key, workers, tell):
                 assert record.draw is not None
                 save_robot(record, _record_path(judging, record.draw))
                 done[record.draw] = record
@@ -181,20 +188,11 @@ def _judge_part(
     draws: Sequence[int],
     key: str,
     workers: Workers,
-    progress: Progress | None,
+    tell: Callable[[str], None],
 ) -> Iterator[RobotRecord]:
-    """Identify robots, perform their takes, and yield their records."""
+    """Identify robots, perform their takes, and yield their records; ``tell`` what is done."""
     robot, versions = load_robot(), _versions()
     specs = {draw: judging.specs(draw) for draw in draws}
-    total = len(draws) + sum(map(len, specs.values()))
-    count = 0
-
-    def tell(what: str) -> None:
-        nonlocal count
-        count += 1
-        if progress is not None:
-            progress(what, count, total)
-
     identified = _identify(
         judging, draws, robot, workers, lambda one: tell(f"{one.name}, identified")
     )

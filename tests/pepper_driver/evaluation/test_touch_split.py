@@ -90,6 +90,19 @@ def test_an_interrupted_night_goes_on_with_the_takes_that_it_has(
     assert len(record.takes) == 2
 
 
+def test_progress_is_of_all_robots_that_are_left(
+    judging: Judging, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(split, "PART", 1)
+    judge(judging, [0], workers=1)
+    seen: list[tuple[int, int]] = []
+    judge(
+        judging, [0, FAILS, 2], workers=1, progress=lambda _, done, all_: seen.append((done, all_))
+    )
+    # Of two robots: the identification, and two takes.
+    assert seen == [(number, 6) for number in range(1, 7)]
+
+
 def test_another_observer_is_judged_anew(judging: Judging) -> None:
     judge(judging, [0], workers=1)
     other = replace(judging, observers=("fusion",))
