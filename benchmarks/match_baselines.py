@@ -29,12 +29,12 @@ from pepper_driver.evaluation.touch.summary import summarise_touch
 from pepper_driver.evaluation.touch.summary_data import TouchSummary
 
 FACTORS = {
-    "momentum": (1.0, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0),
-    "paper-affine": (1.0, 3.0, 4.0, 5.0, 6.0, 7.0),
-    "paper-cart": (1.0, 3.0, 4.0, 5.0, 6.0, 7.0),
-    "error": (1.0, 4.0, 5.0, 6.0, 7.0, 8.0),
+    "momentum": (1.0, 3.5, 3.6, 3.7, 3.8, 4.0),
+    "paper-affine": (1.0, 6.0, 6.5, 7.0, 7.5, 8.0),
+    "paper-cart": (1.0, 6.0, 6.5, 7.0, 7.5, 8.0),
+    "error": (1.0, 7.0, 7.2, 7.4, 7.7, 8.0),
 }
-"""Finer where two runs with fewer factors came down to the false contacts of ours."""
+"""Fine where runs with others came down to the false contacts of ours."""
 
 
 def false_contacts(summary: TouchSummary, observer: str) -> int:

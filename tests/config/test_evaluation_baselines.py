@@ -9,13 +9,22 @@ from pepper_driver.config.evaluation_baselines import (
     STATIC_BASELINES,
     load_evaluation_baselines,
 )
-from pepper_driver.config.loading import package_file
 
-TEXT = package_file("evaluation_baselines.yaml").read_text()
+TEXT = """version: 1
+factors:
+  momentum: 1.0
+  paper-affine: 1.0
+  paper-cart: 1.0
+  error: 1.0
+chosen_on: nothing
+"""
 
 
 def test_each_static_baseline_has_a_factor(tmp_path: Path) -> None:
-    assert set(load_evaluation_baselines().factors) == set(STATIC_BASELINES)
+    shipped = load_evaluation_baselines()
+    assert set(shipped.factors) == set(STATIC_BASELINES)
+    # Their thresholds are as low as they may be: more false contacts at the published ones.
+    assert min(shipped.factors.values()) > 1.0
     path = tmp_path / "own.yaml"
     path.write_text(TEXT.replace("momentum: 1.0", "momentum: 2.5"))
     assert load_evaluation_baselines(path).factors["momentum"] == 2.5
