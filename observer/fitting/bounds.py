@@ -108,11 +108,8 @@ def fit_bounds(
         residual = np.abs(np.array(rows))
         # In use, thresholds are higher until then: the start must not determine the bound.
         residual[: min(round(LEARNING_TIME / cycle), len(residual) // 2)] = np.nan
-        speed = np.abs(recording.velocity)
-        largest = RunningMaximum(SPEED_MEMORY, cycle, len(names))
-        fastest = np.array([largest.push(row) for row in speed])
         residuals.append(residual)
-        phases.append(np.stack((speed, np.abs(recording.acceleration), fastest), axis=2))
+        phases.append(motion_phase(recording, cycle))
     momentum_maxima = _momentum_maxima(ordered, calibration, cycle)
     residual, phase = np.concatenate(residuals), np.concatenate(phases)
     result = dict(models)
@@ -128,6 +125,18 @@ def fit_bounds(
                 or models[name].momentum_bound,
             )
     return result
+
+
+def motion_phase(recording: Recording, cycle: float) -> FloatArray:
+    """Return what thresholds depend on, (n, N, 3), as :class:`FusionModel` has it.
+
+    It is the desired speed [rad/s], the size of the desired acceleration [rad/s2], and the largest desired speed of the
+    last half-second [rad/s].
+    """
+    speed = np.abs(recording.velocity)
+    largest = RunningMaximum(SPEED_MEMORY, cycle, speed.shape[1])
+    fastest = np.array([largest.push(row) for row in speed])
+    return np.stack((speed, np.abs(recording.acceleration), fastest), axis=2)
 
 
 def _bound(phase: FloatArray, residual: FloatArray) -> CartTree:

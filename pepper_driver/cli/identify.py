@@ -34,6 +34,7 @@ from pepper_driver.config import (
 from pepper_driver.config.population import parse_draws
 from pepper_driver.identification import (
     MANIFEST,
+    BlindModelError,
     Confirm,
     Identification,
     IdentificationRun,
@@ -49,6 +50,7 @@ from pepper_driver.identification import (
     read_manifest,
     record_joints,
 )
+from pepper_driver.identification.sensitivity import PLACES, POSTURE
 from pepper_driver.observer import ModelKind
 
 
@@ -65,12 +67,9 @@ def print_fits(console: Console, result: Identification) -> None:
     mirrored = [joint for joint in result.models.models if joint not in result.recorded]
     if mirrored:
         console.print(f"fitted to mirrored recordings: {', '.join(mirrored)}")
-    bounds = ", ".join(
-        f"{joint} {math.degrees(result.models.threshold[joint]):.2f}" for joint in result.recorded
-    )
-    console.print(f"thresholds from free motion, degrees: {bounds}")
+    _print_sensitivities(console, result)
     _print_shared(console, result)
-    for finding in result.findings:
+    for finding in (*result.findings, *result.blind):
         where = ", ".join(name for name in (finding.joint, finding.run) if name is not None)
         console.print(f"warning: {where}: {finding.text}")
     runs = sorted({finding.run for finding in result.findings if finding.run is not None})
@@ -78,6 +77,35 @@ def print_fits(console: Console, result: Identification) -> None:
         console.print(
             f"to record such a run again, delete its file ({', '.join(runs)}) and give the same command"
         )
+
+
+def _print_sensitivities(console: Console, result: Identification) -> None:
+    """Print the thresholds from free motion; of models that know the stiffness also as torque and forces."""
+    if not result.sensitivities:
+        bounds = ", ".join(
+            f"{joint} {math.degrees(result.models.threshold[joint]):.2f}"
+            for joint in result.recorded
+        )
+        console.print(f"thresholds from free motion, degrees: {bounds}")
+        return
+    table = Table(title="touch that a joint detects, in free motion", title_justify="left")
+    places = list(PLACES)
+    for name in ("joint", "deg", "largest deg", "N m", *(f"N at the {place}" for place in places)):
+        table.add_column(name, justify="left" if name == "joint" else "right")
+    for joint, one in result.sensitivities.items():
+        forces = (f"{one.forces[place]:.0f}" if place in one.forces else "-" for place in places)
+        table.add_row(
+            joint,
+            f"{math.degrees(one.threshold):.2f}",
+            f"{math.degrees(result.models.threshold[joint]):.2f}",
+            f"{one.torque:.2f}",
+            *forces,
+        )
+    console.print(table)
+    console.print(
+        f"deg, N m: median threshold; N: force across the lever that reaches it in the posture {POSTURE}; friction may "
+        "hide more of a joint that rests"
+    )
 
 
 def _print_shared(console: Console, result: Identification) -> None:
@@ -160,6 +188,12 @@ def identify(
             help="Draws of a simulated plant to identify, such as 0-19 or 0,3,7-9, a file each; by default one robot.",
         ),
     ] = None,
+    accept_blind: Annotated[
+        bool,
+        typer.Option(
+            "--accept-blind", help="Write models also where joints notice hardly any touch."
+        ),
+    ] = False,
     yes: Annotated[
         bool,
         typer.Option("--yes", help="Do not ask before a real robot moves its legs or its base."),
@@ -256,11 +290,24 @@ def identify(
             console.print("fitting models")
         with console.status("fitting models"):
             result = fit_folder(folder, kind, mirror=mirror, share_types=share_types, workers=pool)
-    result.models.save(out)
     print_fits(console, result)
-    console.print(f"models: {out}; recordings: {folder}")
     save_json(json_file, result.as_json(), console)
+    if not accept_blind:
+        _refuse_blind(result, out, folder)
+    result.models.save(out)
+    console.print(f"models: {out}; recordings: {folder}")
     return 0
+
+
+def _refuse_blind(result: Identification, out: Path, folder: Path) -> None:
+    """Refuse models with blind joints, and say how to have them all the same."""
+    try:
+        result.refuse_blind()
+    except BlindModelError as error:
+        raise BlindModelError(
+            f"{error}. Nothing is written; to write them all the same: "
+            f"pepper identify --fit-only --recordings {folder} --out {out} --accept-blind"
+        ) from error
 
 
 def identify_with_progress(

@@ -12,6 +12,7 @@ from pepper_driver.identification.dataset import (
 )
 from pepper_driver.identification.fit import CLOSED_FORM, FittedModels, SharedFit, fit_models
 from pepper_driver.identification.identify import (
+    BlindModelError,
     Confirm,
     Identification,
     Progress,
@@ -39,6 +40,7 @@ __all__ = [
     "CALIBRATION_STIFFNESS",
     "CLOSED_FORM",
     "MANIFEST",
+    "BlindModelError",
     "Confirm",
     "DryRunError",
     "Finding",

@@ -72,6 +72,11 @@ class IdentificationDataset:
     sweeps: tuple[JointDataset, ...]
     calibration: tuple[Recording, ...]
 
+    @property
+    def free_motion(self) -> tuple[Recording, ...]:
+        """Motion that no model is fitted to: the calibration, or without it the test runs."""
+        return self.calibration or tuple(entry.test for entry in self.sweeps)
+
     def entries(self, robot: RobotConfig, *, mirror: bool = True) -> Iterator[JointDataset]:
         """Yield the recordings of each joint that gets a model.
 

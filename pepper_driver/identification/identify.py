@@ -16,6 +16,7 @@ from pepper_driver.backends import make_backend
 from pepper_driver.config import (
     ConfigError,
     Experiment,
+    PepperError,
     RobotConfig,
     load_controller_settings,
     load_robot,
@@ -50,6 +51,11 @@ from pepper_driver.identification.runs import (
     plan_runs,
     seeded_uri,
     sweeps_of,
+)
+from pepper_driver.identification.sensitivity import (
+    JointSensitivity,
+    blind_joints,
+    joint_sensitivities,
 )
 from pepper_driver.observer import TREE_TYPES, FitScore, ModelKind, ModelSet
 
@@ -157,6 +163,10 @@ def _check_balance(robot: RobotConfig) -> None:
         )
 
 
+class BlindModelError(PepperError, ValueError):
+    """Models notice hardly any touch of a joint."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Identification:
     """The models, how well they predict, and what is wrong with the recordings.
@@ -167,17 +177,31 @@ class Identification:
             on a simulated robot, the closed form of Eq. 11 with the plant's true parameters.
         recorded: Joints that were recorded; the others that have models are their mirror images.
         shared: Loss of shared models, where motor types have one.
+        sensitivities: By joint, the touch that it detects; of models of kind ``fusion``.
         findings: Why the models may be poor.
+        blind: Joints that notice hardly any touch, with the likely cause.
     """
 
     models: ModelSet
     fits: dict[str, dict[str, FitScore[float]]]
     recorded: tuple[str, ...]
     shared: tuple[SharedFit, ...]
+    sensitivities: dict[str, JointSensitivity]
     findings: tuple[Finding, ...]
+    blind: tuple[Finding, ...]
+
+    def refuse_blind(self) -> None:
+        """Refuse models with blind joints.
+
+        Raises:
+            BlindModelError: There are such joints; the message names them.
+        """
+        if self.blind:
+            joints = "; ".join(f"{finding.joint} {finding.text}" for finding in self.blind)
+            raise BlindModelError(f"these models would notice hardly any touch: {joints}")
 
     def as_json(self) -> dict[str, Any]:
-        """``fit.<method>.<joint>.{estimation,test}``, ``threshold_deg.<joint>``, ``shared.<joint>``, ``warnings``."""
+        """``fit.<method>.<joint>.{estimation,test}``, ``threshold_deg.<joint>``, ``sensitivity.<joint>``, and more."""
         return {
             "fit": {
                 method: {joint: asdict(fit) for joint, fit in fits.items()}
@@ -186,10 +210,11 @@ class Identification:
             "threshold_deg": {
                 joint: float(np.degrees(bound)) for joint, bound in self.models.threshold.items()
             },
+            "sensitivity": {joint: one.as_json() for joint, one in self.sensitivities.items()},
             "identity": self.models.identity,
             "recorded": list(self.recorded),
             "shared": {fit.joint: {**asdict(fit), "loss": fit.loss} for fit in self.shared},
-            "warnings": [asdict(finding) for finding in self.findings],
+            "warnings": [asdict(finding) for finding in (*self.findings, *self.blind)],
         }
 
 
@@ -333,6 +358,8 @@ def _fit_folder(
                     other, recordings, robot, mirror=mirror, share_types=share_types
                 ).fits
         fits |= _closed_form(manifest, recordings, robot, mirror=mirror)
+    findings = inspect_recordings(recordings, fitted.models)
+    sensitivities = joint_sensitivities(fitted.models, recordings.free_motion, robot)
     return Identification(
         models=ModelSet(
             robot=robot.name,
@@ -351,7 +378,9 @@ def _fit_folder(
         fits=fits,
         recorded=tuple(entry.joint for entry in recordings.sweeps),
         shared=shared_fits(kind, recordings, robot, fitted.fits) if share_types else (),
-        findings=inspect_recordings(recordings, fitted.models),
+        sensitivities=sensitivities,
+        findings=findings,
+        blind=blind_joints(fitted.fits, sensitivities, findings, robot),
     )
 
 

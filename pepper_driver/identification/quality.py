@@ -17,7 +17,9 @@ from pepper_driver.observer.fitting.bounds import free_residual
 from pepper_driver.observer.fitting.stick_slip import bounded_constants
 from pepper_driver.observer.recording import STALE_AGE
 
-Kind = Literal["excitation", "contact", "current", "gaps", "stale", "limited", "bound", "behind"]
+Kind = Literal[
+    "excitation", "contact", "current", "gaps", "stale", "limited", "bound", "behind", "blind"
+]
 
 MIN_RANGE = 0.1
 """[rad] Smallest range of a joint's motion: less is close to the errors that must be detected."""

@@ -90,6 +90,29 @@ def test_other_models_are_fitted_to_the_same_recordings(
     assert "what shared models cost" in capsys.readouterr().out
 
 
+def test_models_with_blind_joints_are_written_only_when_they_are_accepted(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    elbows: Path,
+) -> None:
+    monkeypatch.setattr(identify_module, "perform", None)  # nothing is driven
+    out = tmp_path / "models.json"
+    options = ["--fit-only", "--recordings", str(elbows), "--out", str(out)]
+    assert run(["identify", *options]) == 0
+    assert "N at the hand" in capsys.readouterr().out
+    out.unlink()
+    monkeypatch.setattr("pepper_driver.identification.sensitivity.MIN_FIT", 100.5)
+    assert run(["identify", *options]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "LElbowRoll is blind" in line
+    assert line.endswith(f"--recordings {elbows} --out {out} --accept-blind")
+    assert not out.exists()
+    assert run(["identify", *options, "--accept-blind"]) == 0
+    assert "warning: LElbowRoll: is blind" in capsys.readouterr().out
+    assert "LElbowRoll" in ModelSet.load(out).models
+
+
 @pytest.mark.parametrize(
     ("options", "word"),
     [

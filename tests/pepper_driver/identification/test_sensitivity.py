@@ -1,0 +1,120 @@
+"""Thresholds told as torque and as forces, and joints that notice hardly any touch."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pepper_driver.controller import RobotModel
+from pepper_driver.identification import Finding
+from pepper_driver.identification.sensitivity import (
+    PLACES,
+    POSTURE,
+    JointSensitivity,
+    blind_joints,
+    joint_sensitivities,
+)
+from pepper_driver.observer import FitScore
+from pepper_driver.observer.models.tree import CartTree
+from support.fusion import STICK_SLIP, constant_tree, drive, fusion_model, recording_of, swing
+from support.identification import ROBOT
+
+ELBOW = ROBOT.joint_index("LElbowRoll")
+SLOW, FAST = np.radians(1.0), np.radians(4.0)
+BY_SPEED = CartTree(
+    feature=(0, -1, -1),
+    threshold=(0.3, 0.0, 0.0),
+    left=(1, -1, -1),
+    right=(2, -1, -1),
+    value=(0.0, SLOW, FAST),
+)
+
+
+def sensitivity(degrees: float, torque: float) -> JointSensitivity:
+    return JointSensitivity(threshold=float(np.radians(degrees)), torque=torque, forces={})
+
+
+def blind(joint: str, one: JointSensitivity, test_fit: float = 90.0, *findings: Finding) -> str:
+    fit = FitScore(estimation=90.0, test=test_fit)
+    found = blind_joints({joint: fit}, {joint: one}, findings, ROBOT)
+    assert all(f.kind == "blind" and f.joint == joint and f.run is None for f in found)
+    return "; ".join(f.text for f in found)
+
+
+@pytest.mark.parametrize(("speed", "expected"), [(0.1, SLOW), (0.9, FAST)])
+def test_threshold_is_that_of_most_of_the_motion(speed: float, expected: float) -> None:
+    motion = swing(12.0)
+    run = recording_of(motion, drive(motion), joint=ELBOW)
+    velocity = np.full(run.velocity.shape, speed)
+    velocity[: len(run) // 3] = 1.0 - speed
+    run = replace(run, velocity=velocity)
+    one = joint_sensitivities({"LElbowRoll": fusion_model(bound=BY_SPEED)}, [run], ROBOT)
+    assert one["LElbowRoll"].threshold == pytest.approx(expected)
+    assert one["LElbowRoll"].torque == pytest.approx(expected / STICK_SLIP.load_gain)
+
+
+@pytest.mark.parametrize("joint", ["LShoulderPitch", "LElbowRoll", "RShoulderRoll", "LWristYaw"])
+def test_forces_turn_the_joint_as_much_as_the_threshold(joint: str) -> None:
+    """The work of a small turn: the torque times the angle is the force times the way of the point."""
+    motion = swing(6.0)
+    run = recording_of(motion, drive(motion), joint=ELBOW)
+    one = joint_sensitivities({joint: fusion_model(bound=constant_tree(SLOW))}, [run], ROBOT)[joint]
+    model, posture, angle = RobotModel(ROBOT), ROBOT.posture(POSTURE), 1e-5
+    turned = posture.copy()
+    turned[ROBOT.joint_index(joint)] += angle
+    for place, (link, point) in PLACES.items():
+        if joint.startswith("R"):
+            link = link.replace("l_", "r_").replace("LF", "RF")
+        before, after = (
+            model.link_pose(link, at) @ np.array([*point, 1.0]) for at in (posture, turned)
+        )
+        way = float(np.linalg.norm(after - before))
+        if place in one.forces:
+            assert one.forces[place] * way == pytest.approx(one.torque * angle, rel=1e-3)
+        else:
+            assert way < 0.04 * angle
+
+
+def test_a_joint_behind_a_place_does_not_tell_forces_there() -> None:
+    motion = swing(6.0)
+    run = recording_of(motion, drive(motion), joint=ELBOW)
+    models = {name: fusion_model() for name in ("LWristYaw", "HeadYaw", "LElbowYaw")}
+    found = joint_sensitivities(models, [run], ROBOT)
+    assert "forearm" not in found["LWristYaw"].forces
+    assert found["HeadYaw"].forces == {}
+
+
+@pytest.mark.parametrize(
+    ("joint", "degrees", "torque", "is_blind"),
+    [
+        ("LShoulderPitch", 3.5, 2.5, True),
+        ("RElbowYaw", 14.0, 16.0, True),
+        ("LShoulderPitch", 3.5, 1.5, False),
+        ("LShoulderPitch", 2.5, 2.5, False),
+        ("LWristYaw", 44.0, 5.0, False),
+        ("HeadYaw", 10.0, 5.0, False),
+        ("LHand", 10.0, 5.0, False),
+    ],
+)
+def test_blind_are_shoulders_and_elbows_beyond_both_bounds(
+    joint: str, degrees: float, torque: float, is_blind: bool
+) -> None:
+    text = blind(joint, sensitivity(degrees, torque))
+    assert bool(text) == is_blind
+    if is_blind:
+        assert f"{degrees:.1f} deg, {torque:.1f} N m" in text
+
+
+@pytest.mark.parametrize(("fit", "is_blind"), [(59.0, True), (61.0, False), (np.nan, True)])
+def test_blind_are_joints_that_are_not_explained(fit: float, is_blind: bool) -> None:
+    assert bool(blind("KneePitch", sensitivity(0.6, 1.0), fit)) == is_blind
+
+
+def test_the_likeliest_cause_is_named_also_of_a_mirrored_joint() -> None:
+    findings = [
+        Finding(kind=kind, joint="LElbowRoll", run="LElbowRoll-1", text=text)
+        for kind, text in (("contact", "was touched"), ("behind", "falls behind"))
+    ]
+    other = Finding(kind="current", joint="LShoulderRoll", run=None, text="clipped")
+    assert "cause: falls behind" in blind("RElbowRoll", sensitivity(5.0, 5.0), 90.0, *findings)
+    assert "cause: unknown" in blind("RElbowRoll", sensitivity(5.0, 5.0), 90.0, other)
