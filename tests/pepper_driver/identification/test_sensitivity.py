@@ -111,9 +111,10 @@ def test_blind_are_joints_that_are_not_explained(fit: float, is_blind: bool) -> 
 
 
 def test_the_likeliest_cause_is_named_also_of_a_mirrored_joint() -> None:
+    place = {"joint": "LElbowRoll", "run": "LElbowRoll-1"}
     findings = [
-        Finding(kind=kind, joint="LElbowRoll", run="LElbowRoll-1", text=text)
-        for kind, text in (("contact", "was touched"), ("behind", "falls behind"))
+        Finding(kind="contact", text="was touched", **place),
+        Finding(kind="behind", text="falls behind", **place),
     ]
     other = Finding(kind="current", joint="LShoulderRoll", run=None, text="clipped")
     assert "cause: falls behind" in blind("RElbowRoll", sensitivity(5.0, 5.0), 90.0, *findings)
