@@ -33,8 +33,11 @@ AFTER = 30
 CLEAR = 50.0
 """Mean square of the currents, in units of their noise, that no noise reaches."""
 
-RISE = 2.0
-"""Factor from one tick to the next by which that mean square grows while currents begin to answer."""
+RISE = 3.0
+"""Factor over the ticks before by which that mean square is higher in the first tick of an answer."""
+
+COMPARED = 6
+"""Ticks before, of which the median counts: single ones differ by chance."""
 
 MIN_STEPS = 6
 """In one direction: with fewer, noise hides the begin."""
@@ -140,12 +143,12 @@ def _in_noise(change: FloatArray) -> FloatArray:
 
 
 def _onset(square: FloatArray) -> int | None:
-    """Return the tick after the step at which a mean square begins to rise to where no noise gets; None if it never is there."""
+    """Return the tick, from the step on, at which a mean square begins to rise; None if it stays within noise."""
     clear = np.flatnonzero(square[BEFORE - MAX_LEAD :] > CLEAR)
     if not len(clear):
         return None
     tick = int(clear[0]) + BEFORE - MAX_LEAD
-    while tick > BEFORE - MAX_LEAD and square[tick] > RISE * square[tick - 1]:
+    while square[tick] > RISE * np.median(square[tick - COMPARED : tick]):
         tick -= 1
-    # This one does not rise any more: it is the last before the answer.
+    # This one does not stand out any more: it is the last before the answer.
     return tick + 1 - BEFORE
