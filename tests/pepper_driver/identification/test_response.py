@@ -28,7 +28,8 @@ def ramp(size: float, acceleration: float = 20.0) -> FloatArray:
     """A step as a controller makes it: it accelerates as much as it may, then brakes."""
     half = max(1, round(float(np.sqrt(size / acceleration)) / CYCLE))
     speed = np.concatenate((np.arange(1, half + 1), np.arange(half - 1, 0, -1))).astype(float)
-    return size * np.cumsum(speed) / speed.sum()
+    way: FloatArray = size * np.cumsum(speed) / speed.sum()
+    return way
 
 
 def stepping(lead: int, *, seed: int, pairs: int = 10, jitter: float = 0.0) -> Recording:
