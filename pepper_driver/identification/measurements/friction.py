@@ -1,0 +1,120 @@
+"""Friction of joints, and the currents that carry them, from slow sweeps in both directions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pepper_driver.config import RobotConfig
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.observer import Recording
+
+MIN_SPEED = 0.04
+"""[rad/s] of the desired motion: slower, a joint may stick."""
+
+MAX_SPEED = 0.4
+"""[rad/s]: faster, viscous friction and inertia count."""
+
+SETTLING = 0.25
+"""[s] of motion in one direction before its samples count: gap and friction turn round first."""
+
+MIN_SAMPLES = 150
+"""In each direction."""
+
+MIN_LOAD_RANGE = 0.3
+"""[N m] over which the load of a joint must change before its currents say how strong its motor is."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredFriction:
+    """Torques of one joint that its current shows, by the documented torque constant.
+
+    Attributes:
+        friction: Coulomb friction, as the motor's torque [N m].
+        load_scale: Torque of the motor per torque that the model of the robot asks for, 1 where both are as documented;
+            None where the load changes too little to say.
+        samples: Number of samples that were used.
+    """
+
+    friction: float
+    load_scale: float | None
+    samples: int
+
+    @property
+    def joint_friction(self) -> float | None:
+        """Friction at the joint [N m]: the motor's torque for it, with what of that arrives there; None if unknown."""
+        return None if self.load_scale is None else self.friction / self.load_scale
+
+
+def measure_friction(
+    recordings: Sequence[Recording], joint: str, robot: RobotConfig
+) -> MeasuredFriction | None:
+    """Measure the friction of a joint that sweeps slowly to and fro.
+
+    The current has no sign. Its size is fitted by abs(F d + s tau + c): friction F against the direction d of the
+    motion, load tau of the model of the robot with its scale s, and a constant c.
+
+    Args:
+        recordings: With the sweeps of the joint, and perhaps others.
+        joint: Its name.
+        robot: Its description.
+
+    Returns:
+        None where the joint does not move slowly in both directions.
+    """
+    index = robot.joint_index(joint)
+    parts = [_sweep(run, index) for run in recordings]
+    current, direction, load = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    if min(np.count_nonzero(direction > 0), np.count_nonzero(direction < 0)) < MIN_SAMPLES:
+        return None
+    torque = current * robot.motors.joint_torque_constant(joint)
+    scaled = float(np.ptp(load)) > MIN_LOAD_RANGE
+    friction, scale = _fit(torque, direction, load, scaled=scaled)
+    return MeasuredFriction(
+        friction=friction, load_scale=scale if scaled else None, samples=len(torque)
+    )
+
+
+def _sweep(run: Recording, index: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return current [A], direction, and load torque [N m] of the samples of slow motion."""
+    speed = run.velocity[:, index]
+    direction = np.sign(speed)
+    slow = (np.abs(speed) > MIN_SPEED) & (np.abs(speed) < MAX_SPEED) & run.usable(index)
+    settled = np.zeros(len(run), dtype=np.bool_)
+    ticks, count = round(SETTLING / run.cycle), 0
+    for k in range(1, len(run)):
+        count = count + 1 if slow[k] and direction[k] == direction[k - 1] else 0
+        settled[k] = count > ticks
+    return run.current[settled, index], direction[settled], run.load_torque[settled, index]
+
+
+def _fit(
+    torque: FloatArray, direction: FloatArray, load: FloatArray, *, scaled: bool
+) -> tuple[float, float]:
+    """Return friction [N m] and scale of the load that explain the (n,) size of the motor's torque [N m]."""
+    # Imported for identification only: the import is slow.
+    from scipy.optimize import least_squares
+
+    def misfit(point: FloatArray) -> FloatArray:
+        friction, constant, scale = point
+        error: FloatArray = np.abs(friction * direction + scale * load + constant) - torque
+        return error
+
+    spread = max(float(np.percentile(torque, 75)), 1e-3)
+    best = None
+    # The size of a sum has several minima: without friction, without a constant, and between.
+    for share in (0.1, 0.4, 0.8):
+        for constant in (-0.5, 0.0, 0.5):
+            end = least_squares(
+                misfit,
+                (share * spread, constant * spread, 1.5),
+                bounds=((0.0, -np.inf, 0.2 if scaled else 1.0), (np.inf, np.inf, 8.0)),
+                loss="soft_l1",
+                f_scale=0.05 * spread,
+            )
+            if best is None or end.cost < best.cost:
+                best = end
+    assert best is not None
+    return float(best.x[0]), float(best.x[2])

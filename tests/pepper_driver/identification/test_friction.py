@@ -1,0 +1,93 @@
+"""Friction and the scale of torques, found in slow sweeps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pepper_driver.config import load_experiment
+from pepper_driver.identification.measurements.friction import measure_friction
+from pepper_driver.observer import Recording, RecordingBuilder
+from pepper_driver.robot import Pepper
+from support.identification import ROBOT
+from support.observer import CYCLE, JOINTS, recording
+
+JOINT = "LShoulderRoll"
+INDEX = ROBOT.joint_index(JOINT)
+CONSTANT = ROBOT.motors.joint_torque_constant(JOINT)
+
+
+def sweeps(
+    friction: float, scale: float, constant: float, *, gravity: float = 2.0, speed: float = 0.15
+) -> Recording:
+    """A joint that sweeps over a radian twice, and the size of the current that this takes."""
+    ticks = round(1.0 / speed / CYCLE)
+    up = np.linspace(0.0, 1.0, ticks)
+    position = np.concatenate((up, up[::-1], up, up[::-1]))
+    velocity = np.gradient(position, CYCLE)
+    load = gravity * np.sin(position - 0.3)
+    run = recording(np.stack((velocity, np.zeros_like(load), load), axis=1), position)
+    torque = friction * np.sign(velocity) + scale * load + constant
+    noise = 0.01 * np.random.default_rng(5).standard_normal(len(torque))
+    current = np.zeros((len(run), JOINTS))
+    current[:, INDEX] = np.abs(np.abs(torque / CONSTANT) + noise)
+    return replace(run, current=current)
+
+
+@pytest.mark.parametrize("friction", [0.1, 0.5, 1.5])
+@pytest.mark.parametrize("scale", [0.8, 1.6, 3.0])
+@pytest.mark.parametrize("constant", [-0.15, 0.0, 0.3])
+def test_friction_and_scale_are_found_though_currents_have_no_sign(
+    friction: float, scale: float, constant: float
+) -> None:
+    found = measure_friction([sweeps(friction, scale, constant)], JOINT, ROBOT)
+    assert found is not None
+    assert found.friction == pytest.approx(friction, rel=0.1, abs=0.03)
+    assert found.load_scale == pytest.approx(scale, rel=0.1)
+    assert found.joint_friction == pytest.approx(friction / scale, rel=0.15, abs=0.03)
+
+
+def test_a_load_that_hardly_changes_tells_no_scale() -> None:
+    found = measure_friction([sweeps(0.5, 1.0, 0.0, gravity=0.1)], JOINT, ROBOT)
+    assert found is not None
+    assert found.load_scale is None
+    assert found.joint_friction is None
+    assert found.friction == pytest.approx(0.5, abs=0.1)
+
+
+@pytest.mark.parametrize("speed", [0.02, 0.8])
+def test_a_motion_that_is_too_slow_or_too_fast_tells_nothing(speed: float) -> None:
+    assert measure_friction([sweeps(0.5, 1.0, 0.0, speed=speed)], JOINT, ROBOT) is None
+
+
+def test_samples_that_the_gate_altered_do_not_count() -> None:
+    run = sweeps(0.5, 1.5, 0.0)
+    spoiled = run.current.copy()
+    spoiled[: len(run) // 4] = 9.0
+    limited = np.zeros(run.limited.shape, dtype=np.bool_)
+    limited[: len(run) // 4] = True
+    found = measure_friction([replace(run, current=spoiled, limited=limited)], JOINT, ROBOT)
+    assert found is not None
+    assert found.friction == pytest.approx(0.5, rel=0.1)
+
+
+@pytest.mark.parametrize("plant", ["integral", "recorded"])
+def test_a_simulated_robot_has_the_friction_and_the_gears_that_are_measured(plant: str) -> None:
+    builder = RecordingBuilder(ROBOT)
+    pepper = Pepper(f"mujoco://?plant={plant}", observer=None, robot=ROBOT)
+    config = pepper.backend.plant.config
+    assert config is not None
+    with pepper:
+        pepper.play(
+            load_experiment("measure_friction", ROBOT),
+            on_tick=lambda tick, _: builder.append(tick),
+        )
+    run = builder.finish()
+    assert not run.limited.any()
+    for joint in ("HeadPitch", "LShoulderPitch", "RShoulderRoll", "LElbowYaw", "RElbowRoll"):
+        drive = config.actuator(joint)
+        true = drive.friction.contact.motor + drive.friction.contact.link
+        found = measure_friction([run], joint, ROBOT)
+        assert found is not None
+        assert found.load_scale == pytest.approx(1.0 / drive.efficiency, rel=0.15)
+        assert found.joint_friction == pytest.approx(true, rel=0.3)
