@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_driver.config import RobotConfig
-from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.controller import RobotModel
 from pepper_driver.observer import Recording
 
 MIN_SPEED = 0.04
@@ -25,6 +26,25 @@ MIN_SAMPLES = 150
 
 MIN_LOAD_RANGE = 0.3
 """[N m] over which the load of a joint must change before its currents say how strong its motor is."""
+
+
+GRAVITY = 9.81
+"""[m/s2]"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldWeight:
+    """Known weight that hangs from a hand.
+
+    Attributes:
+        mass: [kg]
+        link: That carries it.
+        xyz: (3,) where it hangs, in the frame of the link [m].
+    """
+
+    mass: float
+    link: str
+    xyz: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,8 +97,101 @@ def measure_friction(
     )
 
 
+def measure_torque_scale(
+    without: Sequence[Recording],
+    loaded: Sequence[Recording],
+    joint: str,
+    weight: HeldWeight,
+    robot: RobotConfig,
+) -> float | None:
+    """Measure the motor's torque, by the documented constant, per torque that arrives at the joint.
+
+    The same sweeps with a known weight in the hand: masses of the robot are not needed.
+
+    Args:
+        without: Sweeps with empty hands.
+        loaded: The same with the weight.
+        joint: A joint that carries the hand.
+        weight: In the hand.
+        robot: Its description.
+
+    Returns:
+        1 for gears without losses and motors as documented, more for others; None where the weight loads the joint too
+        little, or it does not move.
+    """
+    index, constant = robot.joint_index(joint), robot.motors.joint_torque_constant(joint)
+    empty = [_sweep(run, index) for run in without]
+    held = [_sweep(run, index) for run in loaded]
+    extra = [_weight_torque(run, index, weight, robot) for run in loaded]
+    current, direction, load = (np.concatenate(columns) for columns in zip(*empty, strict=True))
+    current_held, direction_held, load_held = (
+        np.concatenate(columns) for columns in zip(*held, strict=True)
+    )
+    added = np.concatenate(extra)
+    counts = [np.count_nonzero(d == s) for d in (direction, direction_held) for s in (1.0, -1.0)]
+    if min(counts) < MIN_SAMPLES or float(np.abs(added).max()) < MIN_LOAD_RANGE:
+        return None
+    return _fit_weight(
+        constant * np.concatenate((current, current_held)),
+        np.concatenate((direction, direction_held)),
+        np.concatenate((load, load_held)),
+        np.concatenate((np.zeros(len(load)), added)),
+    )
+
+
+def _weight_torque(
+    run: Recording, index: int, weight: HeldWeight, robot: RobotConfig
+) -> FloatArray:
+    """Return the torque that a weight asks of a joint in the samples of slow motion [N m]."""
+    model = RobotModel(robot)
+    postures = run.position[_slow_samples(run, index)]
+    # The weight hangs straight down from a robot that stands upright.
+    return np.array(
+        [
+            weight.mass * GRAVITY * model.point_jacobian(weight.link, weight.xyz, posture)[2, index]
+            for posture in postures
+        ]
+    )
+
+
+def _fit_weight(
+    torque: FloatArray, direction: FloatArray, load: FloatArray, added: FloatArray
+) -> float:
+    """Return the scale of the added load that explains the (n,) size of the motor's torque with and without it."""
+    from scipy.optimize import least_squares
+
+    def misfit(point: FloatArray) -> FloatArray:
+        friction, constant, scale, added_scale = point
+        sum_ = friction * direction + scale * load + constant + added_scale * added
+        error: FloatArray = np.abs(sum_) - torque
+        return error
+
+    spread = max(float(np.percentile(torque, 75)), 1e-3)
+    best = None
+    for share in (0.1, 0.4, 0.8):
+        for added_scale in (1.0, 2.0, 3.0):
+            end = least_squares(
+                misfit,
+                (share * spread, 0.0, added_scale, added_scale),
+                bounds=((0.0, -np.inf, 0.0, 0.2), (np.inf, np.inf, 8.0, 8.0)),
+                loss="soft_l1",
+                f_scale=0.05 * spread,
+            )
+            if best is None or end.cost < best.cost:
+                best = end
+    assert best is not None
+    return float(best.x[3])
+
+
 def _sweep(run: Recording, index: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return current [A], direction, and load torque [N m] of the samples of slow motion."""
+    settled = _slow_samples(run, index)
+    direction = np.sign(run.velocity[settled, index])
+    return run.current[settled, index], direction, run.load_torque[settled, index]
+
+
+def _slow_samples(run: Recording, index: int) -> BoolArray:
+    """Return (n,) True in slow motion whose friction has turned round."""
     speed = run.velocity[:, index]
     direction = np.sign(speed)
     slow = (np.abs(speed) > MIN_SPEED) & (np.abs(speed) < MAX_SPEED) & run.usable(index)
@@ -87,7 +200,7 @@ def _sweep(run: Recording, index: int) -> tuple[FloatArray, FloatArray, FloatArr
     for k in range(1, len(run)):
         count = count + 1 if slow[k] and direction[k] == direction[k - 1] else 0
         settled[k] = count > ticks
-    return run.current[settled, index], direction[settled], run.load_torque[settled, index]
+    return settled
 
 
 def _fit(

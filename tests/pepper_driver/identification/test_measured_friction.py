@@ -5,8 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pepper_driver.config import load_experiment
-from pepper_driver.identification.measurements.friction import measure_friction
+from pepper_driver.config import load_experiment, load_plant
+from pepper_driver.identification.measurements.friction import (
+    GRAVITY,
+    HeldWeight,
+    measure_friction,
+    measure_torque_scale,
+)
 from pepper_driver.observer import Recording, RecordingBuilder
 from pepper_driver.robot import Pepper
 from support.identification import ROBOT
@@ -71,18 +76,25 @@ def test_samples_that_the_gate_altered_do_not_count() -> None:
     assert found.friction == pytest.approx(0.5, rel=0.1)
 
 
-@pytest.mark.parametrize("plant", ["integral", "recorded"])
-def test_a_simulated_robot_has_the_friction_and_the_gears_that_are_measured(plant: str) -> None:
+def slow_sweeps(plant: str, weight: HeldWeight | None = None) -> Recording:
+    """Have a simulated robot sweep slowly, with or without a weight that hangs from its hand."""
     builder = RecordingBuilder(ROBOT)
     pepper = Pepper(f"mujoco://?plant={plant}", observer=None, robot=ROBOT)
-    config = pepper.backend.plant.config
-    assert config is not None
     with pepper:
+        if weight is not None:
+            force = (0.0, 0.0, -weight.mass * GRAVITY)
+            pepper.backend.push(weight.link, force, weight.xyz, duration=100.0, rise=0.5)
         pepper.play(
             load_experiment("measure_friction", ROBOT),
             on_tick=lambda tick, _: builder.append(tick),
         )
-    run = builder.finish()
+    return builder.finish()
+
+
+@pytest.mark.parametrize("plant", ["integral", "recorded"])
+def test_a_simulated_robot_has_the_friction_and_the_gears_that_are_measured(plant: str) -> None:
+    config = load_plant(plant, ROBOT)
+    run = slow_sweeps(plant)
     assert not run.limited.any()
     for joint in ("HeadPitch", "LShoulderPitch", "RShoulderRoll", "LElbowYaw", "RElbowRoll"):
         drive = config.actuator(joint)
@@ -91,3 +103,11 @@ def test_a_simulated_robot_has_the_friction_and_the_gears_that_are_measured(plan
         assert found is not None
         assert found.load_scale == pytest.approx(1.0 / drive.efficiency, rel=0.15)
         assert found.joint_friction == pytest.approx(true, rel=0.3)
+    weight = HeldWeight(mass=0.5, link="l_wrist", xyz=np.array([0.07, 0.0, 0.0]))
+    loaded = slow_sweeps(plant, weight)
+    for joint in ("LShoulderPitch", "LShoulderRoll", "LElbowYaw", "LElbowRoll"):
+        scale = measure_torque_scale([run], [loaded], joint, weight, ROBOT)
+        assert scale == pytest.approx(1.0 / config.actuator(joint).efficiency, rel=0.1)
+    # The weight does not hang from the other arm, and hardly turns the wrist.
+    for joint in ("RShoulderPitch", "LWristYaw"):
+        assert measure_torque_scale([run], [loaded], joint, weight, ROBOT) is None
