@@ -1,0 +1,96 @@
+"""Speed that a joint reaches, from moves that ask for more and more."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pepper_driver.config import RobotConfig
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.observer import Recording
+
+MIDDLE = (0.3, 0.7)
+"""Part of the way of a move over which its speed is taken: it no longer accelerates, and does not yet swing."""
+
+FOLLOWING_TIME = 0.5
+"""[s] in which a joint follows its command, at most."""
+
+MIN_WAY = 0.3
+"""[rad] of a move that counts."""
+
+STILL = 0.02
+"""[rad/s] Slower, a command rests."""
+
+REACHED = 0.92
+"""Fraction of the speed told that a joint reaches which follows."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReachedSpeed:
+    """Speeds of one joint in its moves, medians.
+
+    Attributes:
+        told: Of the command in the middle of a move [rad/s].
+        reached: Of the motion there [rad/s].
+        moves: Number of moves.
+    """
+
+    told: float
+    reached: float
+    moves: int
+
+    @property
+    def limited(self) -> bool:
+        """True where the joint runs slower than it is told."""
+        return self.reached < REACHED * self.told
+
+
+def measure_speed(recording: Recording, joint: str, robot: RobotConfig) -> ReachedSpeed | None:
+    """Measure the speeds of the moves of a joint; None where it makes none.
+
+    Args:
+        recording: With moves that are followed by rests.
+        joint: Its name.
+        robot: Its description.
+    """
+    index = robot.joint_index(joint)
+    command, position = recording.sent_position[:, index], recording.position[:, index]
+    told, reached = [], []
+    for begin, end in _moves(command, recording.cycle):
+        start, goal = command[begin], command[end - 1]
+        if abs(goal - start) < MIN_WAY:
+            continue
+        later = end + round(FOLLOWING_TIME / recording.cycle)
+        speeds = [
+            _middle_speed((values[begin:later] - start) / (goal - start), recording.cycle)
+            for values in (command, position)
+        ]
+        if np.isfinite(speeds).all():
+            told.append(abs(goal - start) * speeds[0])
+            reached.append(abs(goal - start) * speeds[1])
+    if not told:
+        return None
+    return ReachedSpeed(
+        told=float(np.median(told)), reached=float(np.median(reached)), moves=len(told)
+    )
+
+
+def _moves(command: FloatArray, cycle: float) -> list[tuple[int, int]]:
+    """Return begin and end of each motion of a command."""
+    moving = np.abs(np.diff(command)) > STILL * cycle
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], moving, [False])).astype(np.int8)))
+    return [(int(a), int(b) + 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _middle_speed(part: FloatArray, cycle: float) -> float:
+    """Return the speed over the middle of a move of length 1 [1/s]; NaN where it does not get so far."""
+    crossings = []
+    for level in MIDDLE:
+        beyond = np.flatnonzero(part >= level)
+        if not len(beyond) or beyond[0] == 0:
+            return float("nan")
+        k = int(beyond[0])
+        crossings.append(k - (part[k] - level) / (part[k] - part[k - 1]))
+    first, second = crossings
+    return (MIDDLE[1] - MIDDLE[0]) / max((second - first) * cycle, cycle)

@@ -1,0 +1,93 @@
+"""The speed that joints reach."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pepper_driver.config import load_controller_settings, load_experiment, load_plant
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.identification.measurements.speed import measure_speed
+from pepper_driver.observer import Recording, RecordingBuilder
+from pepper_driver.robot import Pepper
+from support.identification import ROBOT
+from support.observer import CYCLE, JOINTS, recording
+
+JOINT = "RElbowRoll"
+INDEX = ROBOT.joint_index(JOINT)
+
+
+def limited(command: FloatArray, speed: float, lag: float = 0.05) -> FloatArray:
+    """A joint that follows a command with a lag, and no faster than a speed."""
+    position = np.empty(len(command))
+    here = command[0]
+    for k, target in enumerate(command):
+        step = (target - here) * CYCLE / lag
+        here += float(np.clip(step, -speed * CYCLE, speed * CYCLE))
+        position[k] = here
+    return position
+
+
+def moves(told: float, *, way: float = 1.0, count: int = 4) -> FloatArray:
+    """To and fro at a speed, with rests between."""
+    up = np.linspace(0.0, way, max(2, round(way / told / CYCLE) + 1))
+    one = np.concatenate((np.zeros(80), up, np.full(80, way), up[::-1]))
+    return np.concatenate((np.tile(one, count), np.zeros(80)))
+
+
+def run_of(command: FloatArray, position: FloatArray) -> Recording:
+    run = recording(np.zeros((len(command), 3)), command)
+    measured = np.zeros((len(command), JOINTS))
+    step = ROBOT.sensors.encoder.step
+    measured[:, INDEX] = step * np.round(position / step)
+    return replace(run, position=measured)
+
+
+@pytest.mark.parametrize("limit", [1.2, 1.9, 2.4])
+@pytest.mark.parametrize("told", [1.0, 1.6, 3.0])
+def test_a_joint_that_falls_behind_shows_its_speed(limit: float, told: float) -> None:
+    command = moves(told)
+    found = measure_speed(run_of(command, limited(command, limit)), JOINT, ROBOT)
+    assert found is not None
+    assert found.told == pytest.approx(told, rel=0.05)
+    assert found.limited == (told > limit)
+    assert found.reached == pytest.approx(min(told, limit), rel=0.06)
+    assert found.moves == 8
+
+
+def test_small_moves_and_a_joint_that_stands_tell_nothing() -> None:
+    small = moves(1.0, way=0.1)
+    assert measure_speed(run_of(small, small), JOINT, ROBOT) is None
+    still = np.zeros(500)
+    assert measure_speed(run_of(still, still), JOINT, ROBOT) is None
+
+
+def test_a_joint_that_never_gets_there_is_no_speed() -> None:
+    command = moves(1.0)
+    assert measure_speed(run_of(command, np.zeros(len(command))), JOINT, ROBOT) is None
+
+
+def test_a_simulated_robot_shows_the_limiter_of_its_targets() -> None:
+    settings = load_controller_settings(ROBOT)
+    limit = load_plant("recorded-heavy", ROBOT).targets.speed_limit
+    assert limit is not None
+    for told in (1.5, 2.5):
+        arms = [name for chain in ("left_arm", "right_arm") for name in ROBOT.chains[chain]]
+        faster = replace(
+            settings, velocity_limit={**settings.velocity_limit, **dict.fromkeys(arms, told)}
+        )
+        builder = RecordingBuilder(ROBOT)
+        pepper = Pepper(
+            "mujoco://?plant=recorded-heavy", observer=None, robot=ROBOT, controller=faster
+        )
+        with pepper:
+            pepper.play(
+                load_experiment("measure_speed", ROBOT),
+                on_tick=lambda tick, _, to=builder: to.append(tick),  # type: ignore[misc]
+            )
+        run = builder.finish()
+        for joint in ("LElbowRoll", "RElbowRoll"):
+            found = measure_speed(run, joint, ROBOT)
+            assert found is not None
+            assert found.limited == (told > limit)
+            assert found.reached == pytest.approx(min(told, limit), rel=0.1)
