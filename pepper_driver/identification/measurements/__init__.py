@@ -1,1 +1,1 @@
-"""Measurements of a robot before its models: the delay from a command to its effect, and more to come."""
+"""Measurements of a robot before its models: when currents answer, friction, the scale of torques, speeds."""

@@ -91,6 +91,6 @@ def _middle_speed(part: FloatArray, cycle: float) -> float:
         if not len(beyond) or beyond[0] == 0:
             return float("nan")
         k = int(beyond[0])
-        crossings.append(k - (part[k] - level) / (part[k] - part[k - 1]))
+        crossings.append(k - float((part[k] - level) / (part[k] - part[k - 1])))
     first, second = crossings
     return (MIDDLE[1] - MIDDLE[0]) / max((second - first) * cycle, cycle)
