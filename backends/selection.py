@@ -122,6 +122,13 @@ def with_query(uri: str, **values: str | int | None) -> str:
     return f"{parsed.scheme}://{parsed.host}{parsed.path}?{query}"
 
 
+def with_delay(uri: str, ticks: int) -> str:
+    """Return the URI of a robot whose response delay was measured; a simulated one knows its own."""
+    parsed = parse_uri(uri)
+    takes_delay = parsed.scheme in ("naoqi", "naoqis") and parsed.query.get("mode") != "angles"
+    return with_query(uri, delay=ticks) if takes_delay else uri
+
+
 @checked_arguments
 def make_backend(uri: str, robot: RobotConfig | None = None) -> Backend:
     """Return the backend that ``uri`` names, not yet opened.

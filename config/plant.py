@@ -77,7 +77,7 @@ class PlantConfig:
     @property
     def response_delay(self) -> int:
         """Whole ticks from a command to the sample that shows the joint at the time it was to be reached."""
-        return self.transport.command_delay + self.transport.encoder_delay
+        return self.transport.command_delay + self.transport.sensor_delay
 
     def actuator(self, joint: str) -> Actuator:
         """Return the drive of a joint."""

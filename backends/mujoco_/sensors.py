@@ -238,7 +238,7 @@ class Encoders(Resumable):
         self._lost = transport.lost
         self._rng = rng
         self._count_positions = count_positions.load()
-        self._delayed: deque[FloatArray] = deque(maxlen=transport.encoder_delay + 1)
+        self._delayed: deque[FloatArray] = deque(maxlen=transport.sensor_delay + 1)
 
     def reset(self, position: FloatArray) -> FloatArray:
         """Fill the delay line as if the robot had stood at ``position`` (17,) [rad]; returns the first reading."""
@@ -270,9 +270,12 @@ class Encoders(Resumable):
 
 
 class CurrentSensors(Resumable):
-    """Absolute motor current, low-passed, with noise, in steps of the converter."""
+    """Absolute motor current, low-passed, with noise, in steps of the converter, as late as the encoders.
 
-    STATE = ("_smoothed", "_rng")
+    The DCM reads all sensors of a cycle at once.
+    """
+
+    STATE = ("_smoothed", "_rng", "_delayed")
 
     def __init__(self, robot: RobotConfig, plant: PlantConfig, rng: np.random.Generator) -> None:
         self._step = robot.sensors.current.step
@@ -282,11 +285,14 @@ class CurrentSensors(Resumable):
         self._smoothed = np.zeros(len(robot.joint_names))
         self._none = np.zeros(len(robot.joint_names))
         self._count_currents = count_currents.load()
+        self._delayed: deque[FloatArray] = deque(maxlen=plant.transport.sensor_delay + 1)
 
     def reset(self) -> FloatArray:
-        """Start from no current; returns the first reading (17,) [A]."""
+        """Fill the delay line as if there had been no current; returns the first reading (17,) [A]."""
         self._smoothed[:] = 0.0
-        return self.read(self._none)
+        for _ in range(self._delayed.maxlen or 1):
+            reading = self.read(self._none)
+        return reading
 
     def read(self, current: FloatArray) -> FloatArray:
         """Take in the size of the mean current (17,) of one cycle [A]; returns the reading."""
@@ -295,7 +301,8 @@ class CurrentSensors(Resumable):
         self._count_currents(
             current, noise, self._noise, self._step, self._gain, self._smoothed, counts
         )
-        return counts
+        self._delayed.append(counts)
+        return self._delayed[0]
 
 
 class CommandDelayLine(Resumable):

@@ -21,6 +21,7 @@ from pepper_driver.config.files import replacing
 from pepper_driver.config.loading import STRICT, parse
 from pepper_driver.config.parts import Positive
 from pepper_driver.observer.models.fusion_model import BaseModel, FusionModel
+from pepper_driver.observer.models.measured_robot import MeasuredRobot
 from pepper_driver.observer.models.stick_slip import StickSlipModel
 from pepper_driver.observer.models.tree import AffineTree, CartTree, Tree
 from pepper_driver.observer.recording import Recording
@@ -59,6 +60,7 @@ class _Header:
     version: str
     created_by: str
     base: BaseModel | None = None
+    measured: MeasuredRobot | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +80,7 @@ class ModelSet:
         models: By joint; joints without a model stay blind.
         created_by: Command that made them.
         base: Model of the base twist; mode ``fusion`` only.
+        measured: Facts about the robot that were measured before; None where it was not.
 
     Raises:
         ModelFileError: A model that is not of ``kind``, an unknown joint, no model, fit results of other joints.
@@ -95,6 +98,7 @@ class ModelSet:
     models: Mapping[str, JointModel]
     created_by: str = field(default="pepper identify")
     base: BaseModel | None = None
+    measured: MeasuredRobot | None = None
 
     def __post_init__(self) -> None:
         if not self.models:
@@ -255,8 +259,8 @@ def _model(kind: ModelKind, entry: object, joint: str) -> JointModel:
     return parse(MODEL_TYPES[kind], entry, f"model of {joint}")
 
 
-def _plain(value: BaseModel | Mapping[str, float]) -> dict[str, Any]:
-    return asdict(value) if isinstance(value, BaseModel) else dict(value)
+def _plain(value: BaseModel | MeasuredRobot | Mapping[str, float]) -> dict[str, Any]:
+    return dict(value) if isinstance(value, Mapping) else asdict(value)
 
 
 def _finite(text: str) -> float:

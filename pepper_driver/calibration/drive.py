@@ -104,7 +104,7 @@ def with_values(
     transport = plant.transport
     if delay is not None:
         late = min(delay, 1)
-        transport = replace(transport, encoder_delay=late, command_delay=delay - late)
+        transport = replace(transport, sensor_delay=late, command_delay=delay - late)
     return replace(plant, actuators=tuple(drives), transport=transport)
 
 
@@ -169,7 +169,7 @@ def plant_text(
         f"description: {json.dumps(f'{base.name}, calibrated')}",
         f"extends: {json.dumps(extends)}",
         f"board: {{integral_band: {board.integral_band!r}}}",
-        f"transport: {{command_delay: {transport.command_delay}, encoder_delay: {transport.encoder_delay}}}",
+        f"transport: {{command_delay: {transport.command_delay}, sensor_delay: {transport.sensor_delay}}}",
         "joints:",
     ]
     for drive in plant.actuators:

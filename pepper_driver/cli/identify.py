@@ -52,6 +52,7 @@ from pepper_driver.identification import (
 )
 from pepper_driver.identification.sensitivity import PLACES, POSTURE
 from pepper_driver.observer import ModelKind
+from pepper_driver.observer.models.measured_robot import MeasuredRobot
 
 
 def print_fits(console: Console, result: Identification) -> None:
@@ -67,6 +68,7 @@ def print_fits(console: Console, result: Identification) -> None:
     mirrored = [joint for joint in result.models.models if joint not in result.recorded]
     if mirrored:
         console.print(f"fitted to mirrored recordings: {', '.join(mirrored)}")
+    _print_measured(console, result.models.measured)
     _print_sensitivities(console, result)
     _print_shared(console, result)
     for finding in (*result.findings, *result.blind):
@@ -77,6 +79,31 @@ def print_fits(console: Console, result: Identification) -> None:
         console.print(
             f"to record such a run again, delete its file ({', '.join(runs)}) and give the same command"
         )
+
+
+def _print_measured(console: Console, measured: MeasuredRobot | None) -> None:
+    """Print the facts that were measured of the robot."""
+    if measured is None:
+        return
+    earliest, latest = measured.delay_spread
+    console.print(
+        f"the robot answers {measured.response_delay} ticks after a command ({measured.reported_delay} reported; "
+        f"single steps {measured.reported_delay + earliest:.0f} to {measured.reported_delay + latest:.0f}); "
+        f"{measured.late:.1%} of the samples late, {measured.lost:.1%} lost"
+    )
+    table = Table(title="measured, torques by documented motors", title_justify="left")
+    for name in ("joint", "noise deg", "noise A", "friction N m", "torque/load", "rad/s"):
+        table.add_column(name, justify="left" if name == "joint" else "right")
+    for joint, one in measured.joints.items():
+        table.add_row(
+            joint,
+            f"{math.degrees(one.encoder_noise):.3f}",
+            f"{one.current_noise:.3f}",
+            "-" if one.friction is None else f"{one.friction:.3g}",
+            "-" if one.load_scale is None else f"{one.load_scale:.2f}",
+            "-" if one.speed is None else f"{'' if one.speed_limited else '>= '}{one.speed:.2f}",
+        )
+    console.print(table)
 
 
 def _print_sensitivities(console: Console, result: Identification) -> None:
@@ -188,6 +215,13 @@ def identify(
             help="Draws of a simulated plant to identify, such as 0-19 or 0,3,7-9, a file each; by default one robot.",
         ),
     ] = None,
+    measure: Annotated[
+        bool,
+        typer.Option(
+            "--measure/--no-measure",
+            help="Measure the robot before its models: delay, noise, friction, scale of torques, speed.",
+        ),
+    ] = True,
     accept_blind: Annotated[
         bool,
         typer.Option(
@@ -196,7 +230,10 @@ def identify(
     ] = False,
     yes: Annotated[
         bool,
-        typer.Option("--yes", help="Do not ask before a real robot moves its legs or its base."),
+        typer.Option(
+            "--yes",
+            help="Do not ask before a real robot moves its legs or its base, or its arms fast.",
+        ),
     ] = False,
     seed: Annotated[
         int | None,
@@ -280,6 +317,7 @@ def identify(
                     folder,
                     tested=tested,
                     calibration=body,
+                    measure=measure,
                     seed=chosen.seed if seed is None else seed,
                     workers=pool,
                     confirm=None if yes else confirm,
@@ -433,10 +471,9 @@ def _progress(console: Console) -> Iterator[tuple[Progress, Confirm]]:
 
         def confirm(run: IdentificationRun) -> None:
             bars.stop()
-            what = "the whole body and the base move" if run.joint is None else "the legs move"
             typer.confirm(
-                f"Next: {run.name}, {run.seconds:.0f} s: {what}. Is the robot on level floor, with two metres of "
-                "clear space, and a hand at the emergency stop?",
+                f"Next: {run.name}, {run.seconds:.0f} s: {run.watched}. Is the robot on level floor, with two metres "
+                "of clear space, and a hand at the emergency stop?",
                 abort=True,
             )
             bars.start()

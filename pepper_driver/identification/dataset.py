@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import platform
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Literal
@@ -67,10 +67,12 @@ class IdentificationDataset:
         sweeps: By joint, in the order they were recorded; models are fitted to these.
         calibration: Free motion of the whole body, in order of its stiffness, on which thresholds and the weights of
             channels are chosen; no model is fitted to it. May be empty.
+        measurement: By experiment, the runs by which the robot was measured; empty for none.
     """
 
     sweeps: tuple[JointDataset, ...]
     calibration: tuple[Recording, ...]
+    measurement: Mapping[str, Recording] = field(default_factory=dict)
 
     @property
     def free_motion(self) -> tuple[Recording, ...]:
@@ -95,7 +97,7 @@ def mirror_joint(joint: str, robot: RobotConfig) -> str:
     return robot.joint_names[robot.mirror[robot.joint_index(joint)][0]]
 
 
-FORMAT: Literal[1] = 1
+FORMAT: Literal[2] = 2
 MANIFEST = "manifest.json"
 SUFFIX = ".npz"
 
@@ -143,6 +145,7 @@ class Manifest:
         backend: URI of the robot that was driven.
         identity: Hash of the simulated robot, or the body id of a real one.
         simulated: Whether it was a simulated one.
+        response_delay: Ticks from a command to the sample that answers it, as the backend said.
         experiment, experiment_hash: The motion, by name and content.
         calibration, calibration_hash: That of the whole body; None if not available.
         seed: Root of all that is random.
@@ -152,12 +155,13 @@ class Manifest:
         runs: In the order they are made.
     """
 
-    format: Literal[1]
+    format: Literal[2]
     robot: str
     joint_names: tuple[str, ...]
     backend: str
     identity: str
     simulated: bool
+    response_delay: int
     experiment: str
     experiment_hash: str
     calibration: str | None
@@ -187,6 +191,7 @@ def make_manifest(
         backend=backend.uri,
         identity=backend.info.identity,
         simulated=not backend.real_time,
+        response_delay=backend.info.response_delay,
         experiment=experiment.name,
         experiment_hash=experiment_hash(experiment),
         calibration=None if calibration is None else calibration.name,
@@ -283,6 +288,19 @@ def finished(folder: Path, names: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in names if recording_path(folder, name).exists())
 
 
+def load_measurement(folder: Path, robot: RobotConfig) -> dict[str, Recording]:
+    """Return by experiment the runs by which the robot was measured; empty for none.
+
+    Raises:
+        RecordingError: A file is missing or damaged.
+    """
+    return {
+        run.name.rpartition("-")[0]: Recording.load(recording_path(folder, run.name), robot)
+        for run in read_manifest(folder).runs
+        if run.role == "measurement"
+    }
+
+
 def load_recordings(folder: Path, robot: RobotConfig) -> IdentificationDataset:
     """Return the recordings of an identification that is complete.
 
@@ -304,7 +322,9 @@ def load_recordings(folder: Path, robot: RobotConfig) -> IdentificationDataset:
             "began them continues"
         )
     runs = {
-        run.name: Recording.load(recording_path(folder, run.name), robot) for run in manifest.runs
+        run.name: Recording.load(recording_path(folder, run.name), robot)
+        for run in manifest.runs
+        if run.role != "measurement"
     }
     swept = (*manifest.joints, *manifest.tested)
     return IdentificationDataset(
@@ -317,6 +337,7 @@ def load_recordings(folder: Path, robot: RobotConfig) -> IdentificationDataset:
             for joint in swept
         ),
         calibration=_of(manifest, runs, None, "calibration"),
+        measurement=load_measurement(folder, robot),
     )
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from pepper_driver.backends import make_backend
+from pepper_driver.backends.selection import with_delay
 from pepper_driver.config import (
     ConfigError,
     Experiment,
@@ -29,6 +30,7 @@ from pepper_driver.identification.dataset import (
     IdentificationDataset,
     Manifest,
     finished,
+    load_measurement,
     load_recordings,
     make_manifest,
     mirror_joint,
@@ -43,11 +45,13 @@ from pepper_driver.identification.fit import (
     fit_models,
     shared_fits,
 )
+from pepper_driver.identification.measurements.program import measure_robot
 from pepper_driver.identification.quality import Finding, inspect_recordings
 from pepper_driver.identification.runs import (
     IdentificationRun,
     check_dry_run,
     perform,
+    plan_measurements,
     plan_runs,
     seeded_uri,
     sweeps_of,
@@ -58,6 +62,7 @@ from pepper_driver.identification.sensitivity import (
     joint_sensitivities,
 )
 from pepper_driver.observer import TREE_TYPES, FitScore, ModelKind, ModelSet
+from pepper_driver.observer.models.measured_robot import MeasuredRobot
 
 Progress = Callable[[str, float, float], None]
 """Called with (name of the current run, seconds of runs done, seconds in all)."""
@@ -70,9 +75,10 @@ Confirm = Callable[[IdentificationRun], None]
 def record_missing(
     uri: str,
     runs: Sequence[IdentificationRun],
+    *,
+    every: Sequence[IdentificationRun],
     folder: Path,
     robot: RobotConfig,
-    *,
     real_time: bool,
     takes_seed: bool,
     identity: str,
@@ -88,7 +94,8 @@ def record_missing(
 
     Args:
         uri: The backend.
-        runs: All runs.
+        runs: Those to make now.
+        every: All runs of the identification, of which the progress is told.
         folder: Where their recordings are.
         robot: Its description.
         real_time: True for a real robot.
@@ -105,11 +112,12 @@ def record_missing(
     todo = [run for run in runs if run.name not in there]
     if not todo:
         return
-    if any(run.watched for run in todo):
+    if any(run.moves_legs for run in todo):
         _check_balance(robot)
     report_progress = progress or (lambda what, done, total: None)
-    total = sum(run.seconds for run in runs)
-    done = total - sum(run.seconds for run in todo)
+    total = sum(run.seconds for run in every)
+    kept = finished(folder, [run.name for run in every])
+    done = sum(run.seconds for run in every if run.name in kept)
     if not real_time:
         report_progress("recording in simulation", done, total)
         uris = [seeded_uri(uri, run) if takes_seed else uri for run in todo]
@@ -257,12 +265,16 @@ def record_joints(
     *,
     tested: Sequence[str] = (),
     calibration: Experiment | None = None,
+    measure: bool = False,
     seed: int = 0,
     workers: Workers = -1,
     confirm: Confirm | None = None,
     progress: Progress | None = None,
 ) -> IdentificationDataset:
     """Drive each joint through its runs, then the whole body; what is in the folder already is not made again.
+
+    The robot itself is measured first, if asked for: the samples of the other runs are then paired with the commands
+    that they answer, by the delay that was measured.
 
     Args:
         uri: The backend. A seed in it makes other noise, not other motion.
@@ -271,27 +283,31 @@ def record_joints(
         folder: For the recordings; made if need be.
         tested: Joints with a test run only.
         calibration: Free motion of the whole body; None for none.
+        measure: Measure the robot too.
         seed: Root of the random motion and noise.
         workers: Processes for simulated runs, -1 for one per core; or a cluster.
-        confirm: Asked before each run of a real robot in which legs or base move.
+        confirm: Asked before each run of a real robot that a person must watch.
         progress: Called with the progress.
 
     Raises:
+        ResponseError: The robot does not answer commands.
         PepperError: A joint or backend that does not exist, recordings of something else in the folder, a robot that
             refuses.
     """
     robot = load_robot()
     runs = plan_runs(robot, joints, experiment, tested=tested, calibration=calibration, seed=seed)
+    measurements = plan_measurements(robot, seed) if measure else ()
     uri = experiment_uri(uri, experiment)
     _check_plant(experiment, calibration)
     backend = make_backend(uri, robot)
+    every = (*measurements, *runs)
     with lock_folder(folder):
-        open_folder(folder, make_manifest(robot, backend, runs, experiment, calibration, seed))
-        record_missing(
-            uri,
-            runs,
-            folder,
-            robot,
+        open_folder(folder, make_manifest(robot, backend, every, experiment, calibration, seed))
+        record = partial(
+            record_missing,
+            every=every,
+            folder=folder,
+            robot=robot,
             real_time=backend.real_time,
             takes_seed="seed" in backend.info.capabilities,
             identity=backend.info.identity,
@@ -299,6 +315,13 @@ def record_joints(
             confirm=confirm,
             progress=progress,
         )
+        if measurements:
+            record(uri, measurements)
+            measured = measure_robot(
+                load_measurement(folder, robot), backend.info.response_delay, robot
+            )
+            uri = with_delay(uri, measured.response_delay)
+        record(uri, runs)
     return load_recordings(folder, robot)
 
 
@@ -373,6 +396,7 @@ def _fit_folder(
             version=version("pepper-driver"),
             models=fitted.models,
             base=fitted.base,
+            measured=_measured(manifest, recordings, robot),
             created_by=_command(manifest, kind, mirror=mirror, share_types=share_types),
         ),
         fits=fits,
@@ -382,6 +406,15 @@ def _fit_folder(
         findings=findings,
         blind=blind_joints(fitted.fits, sensitivities, findings, robot),
     )
+
+
+def _measured(
+    manifest: Manifest, recordings: IdentificationDataset, robot: RobotConfig
+) -> MeasuredRobot | None:
+    """Return the facts about the robot, where it was measured."""
+    if not recordings.measurement:
+        return None
+    return measure_robot(recordings.measurement, manifest.response_delay, robot)
 
 
 def _closed_form(

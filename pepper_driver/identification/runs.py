@@ -13,15 +13,19 @@ from pepper_driver.backends.mock import MockBackend
 from pepper_driver.backends.selection import parse_uri, with_query
 from pepper_driver.config import (
     ConfigError,
+    ControllerSettings,
     Experiment,
     PepperError,
     RobotConfig,
+    load_controller_settings,
+    load_experiment,
     load_robot,
 )
 from pepper_driver.config.passwords import without_secrets
 from pepper_driver.config.steps import Sweeps
 from pepper_driver.controller import Tick
 from pepper_driver.experiments.plan import plan_experiment
+from pepper_driver.identification.measurements.program import MEASUREMENTS, SPEED, TESTED_SPEED
 from pepper_driver.observer import Observation, Recording, RecordingBuilder
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError
@@ -32,7 +36,7 @@ def run_name(what: str, number: int | None) -> str:
     return f"{what}-{'test' if number is None else number}"
 
 
-Role = Literal["estimation", "test", "calibration"]
+Role = Literal["estimation", "test", "calibration", "measurement"]
 
 CALIBRATION_STIFFNESS = (3.0, 5.0, 8.0, 12.0)
 """[1/s2] of the posture task, one run of the calibration motion each, from slow to faster than the test run."""
@@ -44,13 +48,14 @@ class IdentificationRun:
 
     Attributes:
         name: Of its file.
-        joint: The joint to excite; None where the whole body moves.
+        joint: The joint to excite; None where more than one moves.
         role: What it is for.
         experiment: With the joint of this run.
         stiffness: Of the posture task [1/s2].
         seed: Of the random motion, and of a simulated robot's noise.
         seconds: How long it takes, from the first posture on [s].
-        watched: Whether legs or base move: on a real robot the user must be asked first.
+        watched: Reason for which the user of a real robot is asked first; empty for none.
+        arm_speed: Largest speed of the arm joints [rad/s]; None for the controller's own.
     """
 
     name: str
@@ -60,7 +65,51 @@ class IdentificationRun:
     stiffness: float
     seed: tuple[int, ...]
     seconds: float
-    watched: bool
+    watched: str
+    arm_speed: float | None = None
+
+    @property
+    def moves_legs(self) -> bool:
+        """True where legs or base move."""
+        return self.watched in (LEGS_MOVE, BODY_MOVES)
+
+    def controller(self, robot: RobotConfig) -> ControllerSettings:
+        """Return the settings of the controller for this run."""
+        settings = load_controller_settings(robot)
+        if self.arm_speed is None:
+            return settings
+        arms = [name for chain in ("left_arm", "right_arm") for name in robot.chains[chain]]
+        limits = settings.velocity_limit | dict.fromkeys(arms, self.arm_speed)
+        return replace(settings, velocity_limit=limits)
+
+
+LEGS_MOVE, BODY_MOVES = "the legs move", "the whole body and the base move"
+FAST_ARMS = "both arms move fast, out to the front and back"
+
+
+def plan_measurements(robot: RobotConfig, seed: int = 0) -> tuple[IdentificationRun, ...]:
+    """All runs by which a robot is measured before its models are identified.
+
+    Args:
+        robot: Its description.
+        seed: Of a simulated robot's noise.
+    """
+    runs = []
+    for number, name in enumerate(MEASUREMENTS):
+        experiment = load_experiment(name, robot)
+        assert experiment.stiffness is not None
+        run = _run(
+            robot,
+            experiment,
+            stiffness=experiment.stiffness,
+            name=run_name(name, 1),
+            joint=None,
+            role="measurement",
+            seed=(seed, len(robot.joint_names) + 1, number),
+            watched=FAST_ARMS if name == SPEED else "",
+        )
+        runs.append(replace(run, arm_speed=TESTED_SPEED) if name == SPEED else run)
+    return tuple(runs)
 
 
 def plan_runs(
@@ -117,6 +166,7 @@ def plan_runs(
                     joint=name,
                     role="test" if test else "estimation",
                     seed=(seed, robot.joint_index(name), number),
+                    watched=LEGS_MOVE if name in robot.chains.get("legs", ()) else "",
                 )
             )
     if calibration is not None:
@@ -138,6 +188,7 @@ def _calibration_runs(
             joint=None,
             role="calibration",
             seed=(seed, len(robot.joint_names), number),
+            watched=BODY_MOVES,
         )
         for number, stiffness in enumerate(CALIBRATION_STIFFNESS)
     ]
@@ -152,6 +203,7 @@ def _run(
     joint: str | None,
     role: Role,
     seed: tuple[int, ...],
+    watched: str,
 ) -> IdentificationRun:
     experiment = replace(experiment, stiffness=stiffness)
     plan = plan_experiment(experiment, robot, MockBackend(robot), seed=seed)
@@ -164,7 +216,7 @@ def _run(
         stiffness=stiffness,
         seed=seed,
         seconds=ticks * robot.cycle,
-        watched=joint is None or joint in robot.chains.get("legs", ()),
+        watched=watched,
     )
 
 
@@ -201,7 +253,7 @@ def perform(
     """
     robot = load_robot()
     builder = RecordingBuilder(robot)
-    pepper = Pepper(uri, observer=None, robot=robot)
+    pepper = Pepper(uri, observer=None, robot=robot, controller=run.controller(robot))
     if identity is not None and pepper.backend.info.identity != identity:
         raise ConfigError(
             f"backend '{without_secrets(uri)}' is another robot on {platform.node()} than at the beginning: a file of "
@@ -236,7 +288,7 @@ def check_dry_run(run: IdentificationRun) -> None:
             keeps its constraints.
     """
     robot = load_robot()
-    pepper = Pepper("mock", observer=None, robot=robot)
+    pepper = Pepper("mock", observer=None, robot=robot, controller=run.controller(robot))
     time = 0.0
 
     def watch(tick: Tick, _: Observation | None) -> None:

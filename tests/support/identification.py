@@ -31,7 +31,7 @@ def short_body() -> Experiment:
 
 def short_files(folder: Path) -> list[str]:
     """Options of ``pepper identify`` for short motions, with their files in ``folder``."""
-    options = []
+    options = ["--no-measure"]
     changes: dict[str, tuple[str, str, dict[str, Any]]] = {
         "experiment": ("identify", "sweeps", _SHORT),
         "calibration": ("calibration_motion", "setpoints", {"count": 1}),

@@ -87,7 +87,7 @@ def plain(**changes: Any) -> PlantConfig:
         targets=replace(plant.targets, speed_limit=None),
         transport=Transport(
             command_delay=0,
-            encoder_delay=0,
+            sensor_delay=0,
             late=0.0,
             longest_late=0,
             lost=0.0,

@@ -19,6 +19,9 @@ FOLLOWING_TIME = 0.5
 MIN_WAY = 0.3
 """[rad] of a move that counts."""
 
+FASTEST = 0.9
+"""Fraction of the largest speed told from which on a move counts as one of the fastest."""
+
 STILL = 0.02
 """[rad/s] Slower, a command rests."""
 
@@ -28,7 +31,7 @@ REACHED = 0.92
 
 @dataclass(frozen=True, kw_only=True)
 class ReachedSpeed:
-    """Speeds of one joint in its moves, medians.
+    """Speeds of one joint in its fastest moves, medians.
 
     Attributes:
         told: Of the command in the middle of a move [rad/s].
@@ -47,7 +50,7 @@ class ReachedSpeed:
 
 
 def measure_speed(recording: Recording, joint: str, robot: RobotConfig) -> ReachedSpeed | None:
-    """Measure the speeds of the moves of a joint; None where it makes none.
+    """Measure the speeds of the fastest moves of a joint; None where it makes none.
 
     Args:
         recording: With moves that are followed by rests.
@@ -71,8 +74,11 @@ def measure_speed(recording: Recording, joint: str, robot: RobotConfig) -> Reach
             reached.append(abs(goal - start) * speeds[1])
     if not told:
         return None
+    fastest = np.array(told) >= FASTEST * max(told)
     return ReachedSpeed(
-        told=float(np.median(told)), reached=float(np.median(reached)), moves=len(told)
+        told=float(np.median(np.array(told)[fastest])),
+        reached=float(np.median(np.array(reached)[fastest])),
+        moves=int(np.count_nonzero(fastest)),
     )
 
 

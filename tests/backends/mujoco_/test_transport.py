@@ -62,14 +62,14 @@ def test_a_command_acts_whole_ticks_late(delay: int) -> None:
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_a_sample_arrives_whole_ticks_late(delay: int) -> None:
-    true, measured, age = run(transported(encoder_delay=delay))
+    true, measured, age = run(transported(sensor_delay=delay))
     np.testing.assert_array_equal(measured[delay:], counted(true[: TICKS - delay]))
     assert not age.any()
 
 
 @pytest.mark.parametrize(("there", "back"), [(0, 0), (1, 0), (0, 2), (2, 3)])
 def test_the_response_delay_is_the_sum(there: int, back: int) -> None:
-    plant = transported(command_delay=there, encoder_delay=back)
+    plant = transported(command_delay=there, sensor_delay=back)
     assert MujocoBackend(ROBOT, plant).info.response_delay == there + back
     _, delayed, _ = run(plant, start=20)
     _, prompt, _ = run(transported(), start=20 + there + back)
@@ -80,7 +80,7 @@ def test_the_response_delay_is_the_sum(there: int, back: int) -> None:
 def test_late_samples_repeat_and_say_how_old_they_are() -> None:
     delay, longest = 1, 3
     true, measured, age = run(
-        transported(encoder_delay=delay, late=0.5, longest_late=longest), seed=5
+        transported(sensor_delay=delay, late=0.5, longest_late=longest), seed=5
     )
     ticks = np.rint(age / ROBOT.cycle).astype(int)
     np.testing.assert_allclose(age, ticks * ROBOT.cycle)
@@ -162,7 +162,7 @@ def test_a_lost_sample_repeats_the_position_and_does_not_tell() -> None:
 @pytest.mark.parametrize(("there", "back"), [(1, 1), (5, 1), (5, 2)])
 def test_two_to_seven_ticks_pass_from_command_to_sample(there: int, back: int) -> None:
     """A step of one joint shows in the encoder after the delay, and not before."""
-    backend = MujocoBackend(ROBOT, transported(command_delay=there, encoder_delay=back))
+    backend = MujocoBackend(ROBOT, transported(command_delay=there, sensor_delay=back))
     goal = np.clip(backend.open().position, ROBOT.lower, ROBOT.upper)
     backend.activate()
     joint = ROBOT.joint_index("HeadYaw")

@@ -29,7 +29,7 @@ RESISTANCE = 5.293
 def test_ramps_show_lag_friction_load_and_transport(joint: str) -> None:
     """Eq. 11 at constant velocity: (((N Kt)^2 / R + b) v + tau + F sign v) / K, and 2 ticks late."""
     plant = plain()
-    plant = replace(plant, transport=replace(plant.transport, command_delay=1, encoder_delay=1))
+    plant = replace(plant, transport=replace(plant.transport, command_delay=1, sensor_delay=1))
     drive = plant.actuator(joint)
     contact = drive.friction.contact
     stiffness = drive.kp * CONSTANT / RESISTANCE

@@ -98,16 +98,15 @@ def test_steps_begin_after_a_rest_alone() -> None:
 def test_a_simulated_robot_answers_in_the_tick_in_which_its_board_has_the_command(
     plant: str,
 ) -> None:
-    """The encoder comes one tick later than the current: that is the sample a command is paired with."""
+    """That is the sample which a command is paired with."""
     experiment = load_experiment("measure_response", ROBOT)
     builder = RecordingBuilder(ROBOT)
     pepper = Pepper(f"mujoco://?plant={plant}", observer=None, robot=ROBOT)
-    transport = pepper.backend.plant.config.transport  # type: ignore[union-attr]
     with pepper:
         pepper.play(experiment, on_tick=lambda tick, _: builder.append(tick))
     run = builder.finish()
     found = measure_response(run, MOVING, ROBOT)
-    assert found.lead == -transport.encoder_delay
+    assert found.lead == 0
     assert found.steps == 40
     # As a robot would show it whose delay is reported wrongly.
     for wrong in (-2, 3):

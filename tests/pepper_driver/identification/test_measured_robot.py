@@ -1,0 +1,113 @@
+"""A robot is measured before its models are identified; the facts stay with the models."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pepper_driver.backends.selection import with_delay
+from pepper_driver.config import load_plant
+from pepper_driver.identification import fit_folder, read_manifest, record_joints
+from pepper_driver.identification.dataset import recording_path
+from pepper_driver.identification.measurements.program import (
+    MEASUREMENTS,
+    RESPONSE,
+    measure_robot,
+    measured_joints,
+)
+from pepper_driver.identification.measurements.response import ResponseError
+from pepper_driver.identification.runs import plan_measurements
+from pepper_driver.observer import ModelFileError, ModelSet, Recording
+from support.identification import ROBOT, SHORT
+from support.once import made_once
+
+PLANT = "recorded"
+
+
+@pytest.fixture(scope="module")
+def folder(request: pytest.FixtureRequest) -> Path:
+    def make(folder: Path) -> None:
+        record_joints(
+            f"mujoco://?plant={PLANT}", ["LElbowRoll"], SHORT, folder, measure=True, workers=1
+        )
+
+    return made_once(request, "measured", make)
+
+
+def test_the_robot_comes_before_its_joints(folder: Path) -> None:
+    names = [run.name for run in read_manifest(folder).runs]
+    assert names[:3] == [f"{name}-1" for name in MEASUREMENTS]
+    assert names[3].startswith("LElbowRoll-")
+
+
+def test_the_facts_are_those_of_the_plant_and_stay_with_the_models(
+    folder: Path, tmp_path: Path
+) -> None:
+    plant = load_plant(PLANT, ROBOT)
+    models = fit_folder(folder, "affine", compare=False, workers=1).models
+    found = models.measured
+    assert found is not None
+    assert set(found.joints) == set(measured_joints(ROBOT))
+    assert found.reported_delay == plant.response_delay == found.response_delay
+    assert found.late == pytest.approx(plant.transport.late, abs=0.02)
+    assert found.lost == pytest.approx(plant.transport.lost, abs=0.01)
+    for joint in ("LShoulderPitch", "RElbowYaw"):
+        one, drive = found.joints[joint], plant.actuator(joint)
+        assert one.load_scale == pytest.approx(1.0 / drive.efficiency, rel=0.1)
+        assert one.speed == pytest.approx(plant.targets.speed_limit, rel=0.1)
+        assert one.speed_limited
+        # Less than a count: most rests show nothing.
+        assert one.encoder_noise < ROBOT.sensors.encoder.step
+        assert 0.3 * plant.transport.current_noise < one.current_noise < 0.03
+    assert found.joints["HeadYaw"].speed is None
+    models.save(tmp_path / "models.json")
+    assert ModelSet.load(tmp_path / "models.json") == models
+
+
+def test_a_wrong_fact_in_a_file_is_refused(folder: Path, tmp_path: Path) -> None:
+    models = fit_folder(folder, "affine", compare=False, workers=1).models
+    assert models.measured is not None
+    path = tmp_path / "models.json"
+    replace(models, measured=replace(models.measured, late=1.5)).save(path)
+    with pytest.raises(ModelFileError, match="late"):
+        ModelSet.load(path)
+
+
+def test_a_delay_that_was_reported_wrongly_is_found(folder: Path) -> None:
+    runs = {
+        name: Recording.load(recording_path(folder, f"{name}-1"), ROBOT) for name in MEASUREMENTS
+    }
+    response = runs[RESPONSE]
+    late = replace(response, current=response.current[[0] * 4 + [*range(len(response) - 4)]])
+    found = measure_robot({**runs, RESPONSE: late}, 6, ROBOT)
+    assert (found.delay_error, found.response_delay) == (4, 10)
+    still = replace(response, current=0.0 * response.current)
+    with pytest.raises(ResponseError):
+        measure_robot({**runs, RESPONSE: still}, 6, ROBOT)
+
+
+def test_only_the_fast_arms_are_asked_for() -> None:
+    runs = plan_measurements(ROBOT)
+    assert [bool(run.watched) for run in runs] == [False, False, True]
+    assert not any(run.moves_legs for run in runs)
+    speeds = dict(
+        zip(ROBOT.joint_names, runs[2].controller(ROBOT).joint_velocity(ROBOT), strict=True)
+    )
+    assert speeds["LElbowYaw"] > 2.5
+    assert speeds["HeadYaw"] == 2.0
+    # Less than five minutes of the robot's hour.
+    assert sum(run.seconds for run in runs) < 300.0
+
+
+@pytest.mark.parametrize(
+    ("uri", "expected"),
+    [
+        ("naoqi://pepper.local", "naoqi://pepper.local?delay=7"),
+        ("naoqis://me@robot?delay=3&wake=1", "naoqis://me@robot?delay=7&wake=1"),
+        ("naoqi://robot?mode=angles", "naoqi://robot?mode=angles"),
+        ("mujoco://?plant=worn", "mujoco://?plant=worn"),
+        ("mujoco", "mujoco"),
+    ],
+)
+def test_a_robot_that_does_not_know_its_delay_is_told(uri: str, expected: str) -> None:
+    assert with_delay(uri, 7) == expected
