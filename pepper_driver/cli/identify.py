@@ -20,6 +20,7 @@ from pepper_driver.cli.console import (
     check_outputs,
     chosen_workers,
     duration_text,
+    finite,
     make_console,
     make_progress,
     save_json,
@@ -50,6 +51,7 @@ from pepper_driver.identification import (
     read_manifest,
     record_joints,
 )
+from pepper_driver.identification.measurements.program import Hand, held_weight
 from pepper_driver.identification.sensitivity import PLACES, POSTURE
 from pepper_driver.observer import ModelKind
 from pepper_driver.observer.models.measured_robot import MeasuredRobot
@@ -92,7 +94,10 @@ def _print_measured(console: Console, measured: MeasuredRobot | None) -> None:
         f"{measured.late:.1%} of the samples late, {measured.lost:.1%} lost"
     )
     table = Table(title="measured, torques by documented motors", title_justify="left")
-    for name in ("joint", "noise deg", "noise A", "friction N m", "torque/load", "rad/s"):
+    columns = ["joint", "noise deg", "noise A", "friction N m", "torque/load", "rad/s"]
+    if measured.weight is not None:
+        columns.append(f"torque/{measured.weight:g} kg")
+    for name in columns:
         table.add_column(name, justify="left" if name == "joint" else "right")
     for joint, one in measured.joints.items():
         table.add_row(
@@ -102,6 +107,11 @@ def _print_measured(console: Console, measured: MeasuredRobot | None) -> None:
             "-" if one.friction is None else f"{one.friction:.3g}",
             "-" if one.load_scale is None else f"{one.load_scale:.2f}",
             "-" if one.speed is None else f"{'' if one.speed_limited else '>= '}{one.speed:.2f}",
+            *(
+                ["-" if one.torque_scale is None else f"{one.torque_scale:.2f}"]
+                if measured.weight
+                else []
+            ),
         )
     console.print(table)
 
@@ -222,6 +232,15 @@ def identify(
             help="Measure the robot before its models: delay, noise, friction, scale of torques, speed.",
         ),
     ] = True,
+    weight: Annotated[
+        float | None,
+        typer.Option(
+            metavar="KG",
+            help="Known weight, such as 0.5, that you hang into a hand when asked: it fixes the scale of torques.",
+            callback=finite,
+        ),
+    ] = None,
+    hand: Annotated[Hand, typer.Option(help="Hand that carries the weight.")] = "left",
     accept_blind: Annotated[
         bool,
         typer.Option(
@@ -274,6 +293,7 @@ def identify(
             experiment=experiment,
             calibration=calibration,
             draws=draws,
+            weight=weight,
         )
     else:
         robot = load_robot()
@@ -282,8 +302,12 @@ def identify(
         full, tested = chosen_joints(robot, chosen, named, mirror=mirror, share_types=share_types)
         name = calibration or CALIBRATION
         body = None if name == NO_CALIBRATION else load_experiment(name, robot)
+    held = None if weight is None else held_weight(weight, hand)
+    if held is not None and not measure:
+        raise ConfigError("option '--weight': it is for the measurement; leave '--no-measure' out")
     if draws is not None:
         _refuse_with("draws", "each robot has a folder of its own", recordings=recordings)
+        _refuse_with("draws", "no robot is measured", weight=weight)
         numbers = parse_draws(draws)
         with (
             chosen_workers(workers, cluster, console) as pool,
@@ -318,6 +342,7 @@ def identify(
                     tested=tested,
                     calibration=body,
                     measure=measure,
+                    weight=held,
                     seed=chosen.seed if seed is None else seed,
                     workers=pool,
                     confirm=None if yes else confirm,

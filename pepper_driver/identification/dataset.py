@@ -19,6 +19,7 @@ from pepper_driver.config import ConfigError, Experiment, PepperError, RobotConf
 from pepper_driver.config.errors import reason
 from pepper_driver.config.files import content_hash, make_folder, write_json
 from pepper_driver.config.loading import STRICT, parse
+from pepper_driver.identification.measurements.friction import HeldWeight
 from pepper_driver.identification.runs import IdentificationRun, Role, run_name
 from pepper_driver.observer import Recording
 
@@ -115,6 +116,8 @@ _COMPARED = {
     "seed": "with the seed",
     "joints": "of the joints",
     "tested": "for a test only of the joints",
+    "measured_by": "measuring",
+    "weight": "with the weight",
 }
 """What the runs depend on, and how to speak of it."""
 
@@ -133,6 +136,7 @@ class RunEntry:
     stiffness: float
     seed: tuple[int, ...]
     seconds: float
+    weight: HeldWeight | None = None
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -171,6 +175,16 @@ class Manifest:
     tested: tuple[str, ...]
     versions: dict[str, str]
     runs: tuple[RunEntry, ...]
+
+    @property
+    def measured_by(self) -> tuple[str, ...]:
+        """Names of the runs by which the robot was measured."""
+        return tuple(run.name for run in self.runs if run.role == "measurement")
+
+    @property
+    def weight(self) -> HeldWeight | None:
+        """Weight that was held in a run; None for none."""
+        return next((run.weight for run in self.runs if run.weight is not None), None)
 
 
 def make_manifest(
@@ -213,6 +227,7 @@ def make_manifest(
                 stiffness=run.stiffness,
                 seed=run.seed,
                 seconds=run.seconds,
+                weight=run.weight,
             )
             for run in runs
         ),
@@ -348,6 +363,8 @@ def _of(
 
 
 def _shown(value: object) -> str:
+    if isinstance(value, HeldWeight):
+        return f"{value.mass:g} kg at {value.link}"
     if isinstance(value, tuple):
         return ", ".join(map(str, value)) or "none"
     return "none" if value is None else str(value)

@@ -45,7 +45,13 @@ from pepper_driver.identification.fit import (
     fit_models,
     shared_fits,
 )
-from pepper_driver.identification.measurements.program import measure_robot
+from pepper_driver.identification.measurements.friction import HeldWeight
+from pepper_driver.identification.measurements.program import (
+    RESPONSE,
+    measure_robot,
+    measured_joints,
+)
+from pepper_driver.identification.measurements.response import measure_response
 from pepper_driver.identification.quality import Finding, inspect_recordings
 from pepper_driver.identification.runs import (
     IdentificationRun,
@@ -266,6 +272,7 @@ def record_joints(
     tested: Sequence[str] = (),
     calibration: Experiment | None = None,
     measure: bool = False,
+    weight: HeldWeight | None = None,
     seed: int = 0,
     workers: Workers = -1,
     confirm: Confirm | None = None,
@@ -284,6 +291,7 @@ def record_joints(
         tested: Joints with a test run only.
         calibration: Free motion of the whole body; None for none.
         measure: Measure the robot too.
+        weight: Known weight in a hand, for one measurement more; None for none.
         seed: Root of the random motion and noise.
         workers: Processes for simulated runs, -1 for one per core; or a cluster.
         confirm: Asked before each run of a real robot that a person must watch.
@@ -296,7 +304,7 @@ def record_joints(
     """
     robot = load_robot()
     runs = plan_runs(robot, joints, experiment, tested=tested, calibration=calibration, seed=seed)
-    measurements = plan_measurements(robot, seed) if measure else ()
+    measurements = plan_measurements(robot, seed, weight=weight) if measure else ()
     uri = experiment_uri(uri, experiment)
     _check_plant(experiment, calibration)
     backend = make_backend(uri, robot)
@@ -317,10 +325,9 @@ def record_joints(
         )
         if measurements:
             record(uri, measurements)
-            measured = measure_robot(
-                load_measurement(folder, robot), backend.info.response_delay, robot
-            )
-            uri = with_delay(uri, measured.response_delay)
+            response = load_measurement(folder, robot)[RESPONSE]
+            measured = measure_response(response, measured_joints(robot), robot)
+            uri = with_delay(uri, max(0, backend.info.response_delay + measured.lead))
         record(uri, runs)
     return load_recordings(folder, robot)
 
@@ -414,7 +421,7 @@ def _measured(
     """Return the facts about the robot, where it was measured."""
     if not recordings.measurement:
         return None
-    return measure_robot(recordings.measurement, manifest.response_delay, robot)
+    return measure_robot(recordings.measurement, manifest.response_delay, robot, manifest.weight)
 
 
 def _closed_form(

@@ -25,7 +25,15 @@ from pepper_driver.config.passwords import without_secrets
 from pepper_driver.config.steps import Sweeps
 from pepper_driver.controller import Tick
 from pepper_driver.experiments.plan import plan_experiment
-from pepper_driver.identification.measurements.program import MEASUREMENTS, SPEED, TESTED_SPEED
+from pepper_driver.identification.measurements.friction import GRAVITY, HeldWeight
+from pepper_driver.identification.measurements.program import (
+    FRICTION,
+    HAND_LINKS,
+    MEASUREMENTS,
+    SPEED,
+    TESTED_SPEED,
+    WEIGHT,
+)
 from pepper_driver.observer import Observation, Recording, RecordingBuilder
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError
@@ -56,6 +64,7 @@ class IdentificationRun:
         seconds: How long it takes, from the first posture on [s].
         watched: Reason for which the user of a real robot is asked first; empty for none.
         arm_speed: Largest speed of the arm joints [rad/s]; None for the controller's own.
+        weight: That a person hangs into a hand before; it hangs in that of a simulated robot by itself. None for none.
     """
 
     name: str
@@ -67,6 +76,7 @@ class IdentificationRun:
     seconds: float
     watched: str
     arm_speed: float | None = None
+    weight: HeldWeight | None = None
 
     @property
     def moves_legs(self) -> bool:
@@ -87,16 +97,24 @@ LEGS_MOVE, BODY_MOVES = "the legs move", "the whole body and the base move"
 FAST_ARMS = "both arms move fast, out to the front and back"
 
 
-def plan_measurements(robot: RobotConfig, seed: int = 0) -> tuple[IdentificationRun, ...]:
+WEIGHT_MARGIN = 10.0
+"""[s] for which a simulated weight hangs longer than its run takes."""
+
+
+def plan_measurements(
+    robot: RobotConfig, seed: int = 0, *, weight: HeldWeight | None = None
+) -> tuple[IdentificationRun, ...]:
     """All runs by which a robot is measured before its models are identified.
 
     Args:
         robot: Its description.
         seed: Of a simulated robot's noise.
+        weight: For one run more, with it in a hand; None for none.
     """
     runs = []
-    for number, name in enumerate(MEASUREMENTS):
-        experiment = load_experiment(name, robot)
+    names = MEASUREMENTS if weight is None else (*MEASUREMENTS, WEIGHT)
+    for number, name in enumerate(names):
+        experiment = load_experiment(FRICTION if name == WEIGHT else name, robot)
         assert experiment.stiffness is not None
         run = _run(
             robot,
@@ -108,8 +126,17 @@ def plan_measurements(robot: RobotConfig, seed: int = 0) -> tuple[Identification
             seed=(seed, len(robot.joint_names) + 1, number),
             watched=FAST_ARMS if name == SPEED else "",
         )
-        runs.append(replace(run, arm_speed=TESTED_SPEED) if name == SPEED else run)
+        if name == SPEED:
+            run = replace(run, arm_speed=TESTED_SPEED)
+        elif name == WEIGHT and weight is not None:
+            run = replace(run, weight=weight, watched=_hang(weight))
+        runs.append(run)
     return tuple(runs)
+
+
+def _hang(weight: HeldWeight) -> str:
+    side = next(side for side, link in HAND_LINKS.items() if link == weight.link)
+    return f"both arms move slowly, with a weight of {weight.mass:g} kg in the {side} hand: hang it there now"
 
 
 def plan_runs(
@@ -261,6 +288,11 @@ def perform(
         )
     plan = plan_experiment(run.experiment, robot, pepper.backend, seed=run.seed)
     with pepper:
+        if run.weight is not None and "push" in pepper.backend.info.capabilities:
+            force = (0.0, 0.0, -run.weight.mass * GRAVITY)
+            # Until the end: the motion to the first posture comes before.
+            duration = run.seconds + WEIGHT_MARGIN
+            pepper.push(run.weight.link, force, run.weight.xyz, duration, rise=0.5)
         pepper.play(
             plan,
             on_tick=lambda tick, _: builder.append(tick),

@@ -39,12 +39,12 @@ class HeldWeight:
     Attributes:
         mass: [kg]
         link: That carries it.
-        xyz: (3,) where it hangs, in the frame of the link [m].
+        xyz: Where it hangs, in the frame of the link [m].
     """
 
     mass: float
     link: str
-    xyz: FloatArray
+    xyz: tuple[float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,12 +143,12 @@ def _weight_torque(
     run: Recording, index: int, weight: HeldWeight, robot: RobotConfig
 ) -> FloatArray:
     """Return the torque that a weight asks of a joint in the samples of slow motion [N m]."""
-    model = RobotModel(robot)
+    model, point = RobotModel(robot), np.array(weight.xyz)
     postures = run.position[_slow_samples(run, index)]
     # The weight hangs straight down from a robot that stands upright.
     return np.array(
         [
-            weight.mass * GRAVITY * model.point_jacobian(weight.link, weight.xyz, posture)[2, index]
+            weight.mass * GRAVITY * model.point_jacobian(weight.link, point, posture)[2, index]
             for posture in postures
         ]
     )

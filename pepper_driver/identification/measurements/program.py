@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Literal
 
-from pepper_driver.config import RobotConfig
-from pepper_driver.identification.measurements.friction import measure_friction
+from pepper_driver.config import ConfigError, RobotConfig
+from pepper_driver.identification.measurements.friction import (
+    HeldWeight,
+    measure_friction,
+    measure_torque_scale,
+)
 from pepper_driver.identification.measurements.noise import (
     late_fraction,
     lost_fraction,
@@ -21,6 +26,34 @@ RESPONSE, FRICTION, SPEED = "measure_response", "measure_friction", "measure_spe
 
 MEASUREMENTS = (RESPONSE, FRICTION, SPEED)
 
+WEIGHT = "measure_weight"
+"""Name of the run that makes FRICTION again with a weight in a hand."""
+
+GRIP = (0.07, 0.0, 0.0)
+"""(3,) Middle of a hand in the frame of its link [m]."""
+
+Hand = Literal["left", "right"]
+
+
+def held_weight(mass: float, hand: Hand) -> HeldWeight:
+    """Return a weight [kg] that hangs from the middle of a hand.
+
+    Raises:
+        ConfigError: No hand carries it safely, or it is too light to be felt.
+    """
+    if not MIN_WEIGHT <= mass <= MAX_WEIGHT:
+        raise ConfigError(
+            f"a weight for a hand is {MIN_WEIGHT:g} to {MAX_WEIGHT:g} kg, got {mass:g}: a lighter one tells nothing, a "
+            "heavier one strains the arm"
+        )
+    return HeldWeight(mass=mass, link=HAND_LINKS[hand], xyz=GRIP)
+
+
+HAND_LINKS: dict[Hand, str] = {"left": "l_wrist", "right": "r_wrist"}
+
+MIN_WEIGHT, MAX_WEIGHT = 0.2, 0.6
+"""[kg] The hands of a Pepper are documented to carry 0.5 kg."""
+
 TESTED_SPEED = 2.6
 """[rad/s] that arm joints may be told while their speed is measured: a little more than recorded robots reached."""
 
@@ -35,7 +68,10 @@ def measured_joints(robot: RobotConfig) -> tuple[str, ...]:
 
 
 def measure_robot(
-    recordings: Mapping[str, Recording], reported_delay: int, robot: RobotConfig
+    recordings: Mapping[str, Recording],
+    reported_delay: int,
+    robot: RobotConfig,
+    weight: HeldWeight | None = None,
 ) -> MeasuredRobot:
     """Return the facts that the runs of MEASUREMENTS show.
 
@@ -43,6 +79,7 @@ def measure_robot(
         recordings: By name of the run.
         reported_delay: Ticks from a command to the sample that answers it, by which the recordings are paired.
         robot: Its description.
+        weight: In the hand in the run WEIGHT; None without one.
 
     Raises:
         ResponseError: No current answers a command.
@@ -57,21 +94,31 @@ def measure_robot(
         delay_spread=(response.earliest, response.latest),
         late=late_fraction(runs),
         lost=0.0 if lost is None else lost,
-        weight=None,
-        joints={joint: _joint(recordings, joint, robot) for joint in joints},
+        weight=None if weight is None else weight.mass,
+        joints={joint: _joint(recordings, joint, robot, weight) for joint in joints},
     )
 
 
-def _joint(recordings: Mapping[str, Recording], joint: str, robot: RobotConfig) -> MeasuredJoint:
+def _joint(
+    recordings: Mapping[str, Recording],
+    joint: str,
+    robot: RobotConfig,
+    weight: HeldWeight | None,
+) -> MeasuredJoint:
     noise = measure_noise(recordings[RESPONSE], joint)
     encoder, current = (0.0, 0.0) if noise is None else noise
     friction = measure_friction([recordings[FRICTION]], joint, robot)
     speed = measure_speed(recordings[SPEED], joint, robot)
+    torque_scale = None
+    if weight is not None:
+        without, loaded = [recordings[FRICTION]], [recordings[WEIGHT]]
+        torque_scale = measure_torque_scale(without, loaded, joint, weight, robot)
     return MeasuredJoint(
         encoder_noise=encoder,
         current_noise=current,
         friction=None if friction is None else friction.friction,
         load_scale=None if friction is None else friction.load_scale,
+        torque_scale=torque_scale,
         speed=None if speed is None else speed.reached,
         speed_limited=speed is not None and speed.limited,
     )

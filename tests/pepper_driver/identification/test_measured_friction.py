@@ -103,7 +103,7 @@ def test_a_simulated_robot_has_the_friction_and_the_gears_that_are_measured(plan
         assert found is not None
         assert found.load_scale == pytest.approx(1.0 / drive.efficiency, rel=0.15)
         assert found.joint_friction == pytest.approx(true, rel=0.3)
-    weight = HeldWeight(mass=0.5, link="l_wrist", xyz=np.array([0.07, 0.0, 0.0]))
+    weight = HeldWeight(mass=0.5, link="l_wrist", xyz=(0.07, 0.0, 0.0))
     loaded = slow_sweeps(plant, weight)
     for joint in ("LShoulderPitch", "LShoulderRoll", "LElbowYaw", "LElbowRoll"):
         scale = measure_torque_scale([run], [loaded], joint, weight, ROBOT)

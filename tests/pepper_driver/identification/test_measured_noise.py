@@ -51,7 +51,7 @@ def test_a_joint_that_never_rests_shows_no_noise() -> None:
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.1])
 def test_lost_samples_repeat_the_one_before_while_the_joint_moves(share: float) -> None:
     rng = np.random.default_rng(4)
-    true = 0.02 * np.arange(4000)  # 1.7 rad/s
+    true = 0.02 * np.arange(4000.0)  # 1.7 rad/s
     lost = rng.random(len(true)) < share
     seen = true.copy()
     for k in np.flatnonzero(lost):
@@ -63,10 +63,10 @@ def test_lost_samples_repeat_the_one_before_while_the_joint_moves(share: float) 
 
 
 def test_late_samples_are_not_lost() -> None:
-    true = 0.02 * np.arange(2000)
+    true = 0.02 * np.arange(2000.0)
     late = np.random.default_rng(6).random(len(true)) < 0.1
     late[1:] &= ~late[:-1]
-    seen = np.where(late, true - 0.02, true)
+    seen: FloatArray = np.where(late, true - 0.02, true)
     run = replace(run_of(seen), age=np.where(late, CYCLE, 0.0))
     assert late_fraction([run]) == pytest.approx(late.mean())
     assert lost_fraction([run], [JOINT], ROBOT) == 0.0

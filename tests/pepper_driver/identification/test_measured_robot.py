@@ -6,12 +6,19 @@ from pathlib import Path
 import pytest
 
 from pepper_driver.backends.selection import with_delay
-from pepper_driver.config import load_plant
-from pepper_driver.identification import fit_folder, read_manifest, record_joints
+from pepper_driver.config import ConfigError, load_plant
+from pepper_driver.identification import (
+    RecordingFolderError,
+    fit_folder,
+    read_manifest,
+    record_joints,
+)
 from pepper_driver.identification.dataset import recording_path
 from pepper_driver.identification.measurements.program import (
+    MAX_WEIGHT,
     MEASUREMENTS,
     RESPONSE,
+    held_weight,
     measure_robot,
     measured_joints,
 )
@@ -22,13 +29,20 @@ from support.identification import ROBOT, SHORT
 from support.once import made_once
 
 PLANT = "recorded"
+WEIGHT = held_weight(0.5, "right")
 
 
 @pytest.fixture(scope="module")
 def folder(request: pytest.FixtureRequest) -> Path:
     def make(folder: Path) -> None:
         record_joints(
-            f"mujoco://?plant={PLANT}", ["LElbowRoll"], SHORT, folder, measure=True, workers=1
+            f"mujoco://?plant={PLANT}",
+            ["LElbowRoll"],
+            SHORT,
+            folder,
+            measure=True,
+            weight=WEIGHT,
+            workers=2,
         )
 
     return made_once(request, "measured", make)
@@ -36,8 +50,8 @@ def folder(request: pytest.FixtureRequest) -> Path:
 
 def test_the_robot_comes_before_its_joints(folder: Path) -> None:
     names = [run.name for run in read_manifest(folder).runs]
-    assert names[:3] == [f"{name}-1" for name in MEASUREMENTS]
-    assert names[3].startswith("LElbowRoll-")
+    assert names[:4] == [f"{name}-1" for name in (*MEASUREMENTS, "measure_weight")]
+    assert names[4].startswith("LElbowRoll-")
 
 
 def test_the_facts_are_those_of_the_plant_and_stay_with_the_models(
@@ -60,6 +74,11 @@ def test_the_facts_are_those_of_the_plant_and_stay_with_the_models(
         assert one.encoder_noise < ROBOT.sensors.encoder.step
         assert 0.3 * plant.transport.current_noise < one.current_noise < 0.03
     assert found.joints["HeadYaw"].speed is None
+    assert found.weight == 0.5
+    for joint in ("RShoulderPitch", "RElbowRoll"):
+        true = 1.0 / plant.actuator(joint).efficiency
+        assert found.joints[joint].torque_scale == pytest.approx(true, rel=0.1)
+    assert found.joints["LShoulderPitch"].torque_scale is None
     models.save(tmp_path / "models.json")
     assert ModelSet.load(tmp_path / "models.json") == models
 
@@ -88,6 +107,9 @@ def test_a_delay_that_was_reported_wrongly_is_found(folder: Path) -> None:
 
 def test_only_the_fast_arms_are_asked_for() -> None:
     runs = plan_measurements(ROBOT)
+    weighed = plan_measurements(ROBOT, weight=WEIGHT)
+    assert weighed[:3] == runs
+    assert "0.5 kg in the right hand: hang it there now" in weighed[3].watched
     assert [bool(run.watched) for run in runs] == [False, False, True]
     assert not any(run.moves_legs for run in runs)
     speeds = dict(
@@ -111,3 +133,26 @@ def test_only_the_fast_arms_are_asked_for() -> None:
 )
 def test_a_robot_that_does_not_know_its_delay_is_told(uri: str, expected: str) -> None:
     assert with_delay(uri, 7) == expected
+
+
+@pytest.mark.parametrize("mass", [0.0, -1.0, 0.05, MAX_WEIGHT + 0.1, float("nan")])
+def test_a_weight_that_no_hand_carries_is_refused(mass: float) -> None:
+    with pytest.raises(ConfigError, match="a weight for a hand"):
+        held_weight(mass, "left")
+
+
+def test_recordings_with_another_weight_are_not_continued(folder: Path) -> None:
+    for weight, measure, text in (
+        (held_weight(0.3, "right"), True, "0.5 kg at r_wrist, not 0.3 kg"),
+        (None, True, "measuring"),
+        (None, False, "measuring"),
+    ):
+        with pytest.raises(RecordingFolderError, match=text):
+            record_joints(
+                f"mujoco://?plant={PLANT}",
+                ["LElbowRoll"],
+                SHORT,
+                folder,
+                measure=measure,
+                weight=weight,
+            )
