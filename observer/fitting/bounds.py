@@ -27,11 +27,11 @@ THRESHOLD_FACTOR = 1.25
 def free_residual(joint: str, recording: Recording, model: JointModel, window: int) -> FloatArray:
     """Compute the residual of free motion as the observer does: Eq. 13, running median of ``window`` samples [rad].
 
-    Only windows without stale samples and without altered commands count.
+    Only windows without stale samples, without altered commands, and in which the joint keeps up count.
     """
     index = recording.joint_names.index(joint)
     residual = recording.tracking_error(index) - predict_recording(model, joint, recording)
-    residual = np.where(recording.usable(index), residual, np.nan)
+    residual = np.where(recording.fit_samples(index), residual, np.nan)
     if len(residual) < window:
         return np.empty(0)
     windows = np.lib.stride_tricks.sliding_window_view(residual, window)
@@ -108,6 +108,8 @@ def fit_bounds(
         residual = np.abs(np.array(rows))
         # In use, thresholds are higher until then: the start must not determine the bound.
         residual[: min(round(LEARNING_TIME / cycle), len(residual) // 2)] = np.nan
+        for joint in range(len(names)):
+            residual[~recording.in_working_range(joint), joint] = np.nan
         residuals.append(residual)
         phases.append(motion_phase(recording, cycle))
     momentum_maxima = _momentum_maxima(ordered, calibration, cycle)
@@ -169,5 +171,7 @@ def _momentum_maxima(
     for recording in calibration:
         generator = MomentumGenerator(models, cycle, unbounded, MOMENTUM_WINDOW)
         rows = np.abs([generator.step(tick).residual for tick in recording.ticks()])
+        for joint in range(len(models)):
+            rows[~recording.in_working_range(joint), joint] = 0.0
         largest = np.fmax(largest, np.fmax.reduce(rows[round(START_UP_TIME / cycle) :]))
     return largest

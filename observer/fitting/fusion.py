@@ -55,7 +55,7 @@ def _simulate(
     model = StickSlipModel.from_parameters([parameters], cycle)
     states = model.play(0, float(recording.position[0, index]), sent, load_torque)
     change, curvature = ErrorDerivatives(1, cycle).play(error)
-    counts = recording.usable(index).copy()
+    counts = recording.fit_samples(index).copy()
     # Until then the model may hold its friction in another direction than the joint does.
     counts[: round(START_UP_TIME / cycle)] = False
     features = recording.features(index)

@@ -150,7 +150,7 @@ class _Runs:
         # Padded samples do not count, but the simulation must run over them.
         self.counts = np.zeros(self.position.shape, dtype=np.bool_)
         for run, (recording, index) in enumerate(columns):
-            self.counts[: len(recording), run] = recording.usable(index)
+            self.counts[: len(recording), run] = recording.fit_samples(index)
         self.counts[: round(START_UP_TIME / cycle)] = False
         self.current = columns_of("current")
         self.slow = self.counts & (np.abs(columns_of("velocity")) < FIT_REST_SPEED)

@@ -341,8 +341,9 @@ def nrmse_fit(measured: FloatArray, predicted: FloatArray) -> float:
 def fit_joint(joint: str, recordings: Sequence[Recording], kind: TreeKind) -> Tree:
     """Identify the expected tracking error of one joint.
 
-    Samples whose command the safety gate altered, and stale ones, are left out. The size and the shrinkage of an
-    affine tree are chosen by cross validation: each recording in turn is predicted by trees fitted on the others.
+    Samples whose command the safety gate altered, stale ones, and those of a joint that falls behind are left out. The
+    size and the shrinkage of an affine tree are chosen by cross validation: each recording in turn is predicted by
+    trees fitted on the others.
 
     Args:
         joint: Name of the joint.
@@ -373,7 +374,7 @@ def _usable_samples(joint: str, recording: Recording) -> tuple[FloatArray, Float
     if joint not in recording.joint_names:
         raise UnknownNameError("joint", joint, recording.joint_names)
     index = recording.joint_names.index(joint)
-    usable = recording.usable(index)
+    usable = recording.fit_samples(index)
     return recording.features(index)[usable], recording.tracking_error(index)[usable]
 
 

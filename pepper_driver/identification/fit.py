@@ -309,10 +309,18 @@ def mean_fit(entry: JointDataset, runs: Sequence[Recording], predict: Predictor)
         FittingError: A run shows no tracking error at all.
     """
     try:
-        scores = [nrmse_fit(run.tracking_error(entry.index), predict(run)) for run in runs]
+        scores = [_score(run, entry.index, predict) for run in runs]
     except FittingError as error:
         raise FittingError(f"{entry.joint}: {error}") from error
     return float(np.mean(scores))
+
+
+def _score(run: Recording, index: int, predict: Predictor) -> float:
+    """Return the NRMSE fit of a run [%], of the samples in which the joint keeps up."""
+    within = run.in_working_range(index)
+    if not within.any():
+        raise FittingError("it falls behind in all of a run: use a slower motion")
+    return nrmse_fit(run.tracking_error(index)[within], predict(run)[within])
 
 
 def predictor(model: JointModel, joint: str) -> Predictor:

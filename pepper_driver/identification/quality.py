@@ -15,7 +15,7 @@ from pepper_driver.identification.runs import run_name
 from pepper_driver.observer import FusionModel, JointModel, Recording
 from pepper_driver.observer.fitting.bounds import free_residual
 from pepper_driver.observer.fitting.stick_slip import bounded_constants
-from pepper_driver.observer.recording import STALE_AGE
+from pepper_driver.observer.recording import STALE_AGE, WORKING_ERROR
 
 Kind = Literal[
     "excitation", "contact", "current", "gaps", "stale", "limited", "bound", "behind", "blind"
@@ -65,9 +65,6 @@ FLAT_WINDOW = 5
 
 MIN_LEVELS = 30
 """Different values a current must show before its shape says anything: small motors show a few steps of the sensor."""
-
-BEHIND = 0.2
-"""[rad] of tracking error beyond which a joint has fallen behind: no lag at the speeds of the motion is as large."""
 
 SLOWER = 0.8
 """Fraction of the fastest command below which the fastest motion of such a joint is limited."""
@@ -229,7 +226,7 @@ def _behind(name: str, run: Recording, joint: str) -> list[Finding]:
     index = run.joint_names.index(joint)
     late = float(np.abs(run.tracking_error(index)).max())
     ticks = max(1, round(SPEED_TIME / run.cycle))
-    if late < BEHIND or len(run) <= ticks:
+    if late < WORKING_ERROR or len(run) <= ticks:
         return []
     told, ran = (
         float(np.abs(values[ticks:, index] - values[:-ticks, index]).max()) / (ticks * run.cycle)

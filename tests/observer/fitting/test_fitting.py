@@ -5,6 +5,7 @@ import pytest
 
 from pepper_driver.config import PepperError, UnknownNameError
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.observer.fitting.bounds import free_threshold
 from pepper_driver.observer.fitting.tree import (
     LEAVES,
     SHRINKAGES,
@@ -98,6 +99,24 @@ def test_altered_and_stale_samples_are_left_out() -> None:
         spoilt.append(recording(features, wrong, limited=limited, age=age))
     assert fit_joint(JOINT, spoilt, "affine") == fit_joint(JOINT, clean, "affine")
     assert fit_joint(JOINT, spoilt, "cart") == fit_joint(JOINT, clean, "cart")
+
+
+def test_a_joint_that_falls_behind_changes_neither_model_nor_threshold() -> None:
+    clean, chasing = [], []
+    for seed, stiffness in enumerate((2.0, 3.5, 5.0)):
+        features = motion(stiffness, seed, 15.0)
+        error = free_error(features, seed)
+        assert np.abs(error).max() < 0.15
+        behind = error.copy()
+        behind[400:450] = 0.6
+        chase = recording(features, behind)
+        keep = chase.in_working_range(INDEX)
+        clean.append(recording(features[keep], error[keep]))
+        chasing.append(chase)
+    model = fit_joint(JOINT, chasing, "affine")
+    assert model == fit_joint(JOINT, clean, "affine")
+    quiet = [recording(motion(3.0, 7, 15.0), free_error(motion(3.0, 7, 15.0), 7))]
+    assert free_threshold(JOINT, [*quiet, chasing[0]], model, 11) < 0.1
 
 
 def test_same_recordings_same_model() -> None:

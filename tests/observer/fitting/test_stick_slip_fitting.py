@@ -69,6 +69,19 @@ def test_finds_the_constants_of_the_joint(found: StickSlipParameters) -> None:
     assert found.dead_band == found.integral_rate == 0.0
 
 
+def test_a_target_that_was_limited_for_a_while_is_no_lag_of_the_joint(
+    found: StickSlipParameters,
+) -> None:
+    chasing = []
+    for run in runs():
+        position = run.position.copy()
+        position[250:280] -= 0.5
+        chasing.append(replace(run, position=position))
+    there = fit_stick_slip(JOINT, chasing, CYCLE)
+    assert total_lag(there) == pytest.approx(total_lag(found), abs=0.002)
+    assert there.friction == pytest.approx(found.friction, rel=0.15)
+
+
 def test_what_comes_a_tick_late_is_found_as_late(found: StickSlipParameters) -> None:
     late = []
     for run in runs():

@@ -18,9 +18,9 @@ from pepper_driver.identification import (
 )
 from pepper_driver.identification.dataset import JointDataset
 from pepper_driver.identification.fit import part
-from pepper_driver.identification.quality import BEHIND
 from pepper_driver.observer import Recording
 from pepper_driver.observer.models.stick_slip import MIN_TRANSPORT, StickSlipParameters
+from pepper_driver.observer.recording import WORKING_ERROR
 from support.fusion import STICK_SLIP, Motion, drive, fusion_model, recording_of, swing
 from support.identification import ROBOT, SHORT, short_body
 from support.observer import CYCLE
@@ -254,5 +254,5 @@ def test_holes_in_the_calibration_are_said(good: IdentificationDataset) -> None:
 def test_a_limiter_above_the_speed_of_the_motion_is_no_finding(good: IdentificationDataset) -> None:
     """Thrice the largest error of the good runs is below what counts as behind."""
     largest = max(float(np.abs(run.tracking_error(INDEX)).max()) for run in good.sweeps[0].runs)
-    assert 3 * largest < BEHIND
+    assert 3 * largest < WORKING_ERROR
     assert findings(with_run(good, 1, limited_to(3.0))) == ()
