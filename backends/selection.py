@@ -122,11 +122,15 @@ def with_query(uri: str, **values: str | int | None) -> str:
     return f"{parsed.scheme}://{parsed.host}{parsed.path}?{query}"
 
 
-def with_delay(uri: str, ticks: int) -> str:
-    """Return the URI of a robot whose response delay was measured; a simulated one knows its own."""
+def takes_delay(uri: str) -> bool:
+    """Return true for a robot that is told its response delay; a simulated one knows its own."""
     parsed = parse_uri(uri)
-    takes_delay = parsed.scheme in ("naoqi", "naoqis") and parsed.query.get("mode") != "angles"
-    return with_query(uri, delay=ticks) if takes_delay else uri
+    return parsed.scheme in ("naoqi", "naoqis") and parsed.query.get("mode") != "angles"
+
+
+def with_delay(uri: str, ticks: int) -> str:
+    """Return the URI of a robot whose response delay was measured; where it knows its own, the same URI."""
+    return with_query(uri, delay=ticks) if takes_delay(uri) else uri
 
 
 @checked_arguments

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Sequence
 from pathlib import Path
 
+from pepper_driver.backends.selection import parse_uri, takes_delay, with_delay
 from pepper_driver.config import (
     ConfigError,
     ObserverSettings,
@@ -174,3 +175,21 @@ def find_models(
 def source_of(models: ModelSet, identities: Sequence[RobotIdentity]) -> RobotIdentity:
     """Return which of the robots models were identified on; they were found for these."""
     return next(robot for robot in identities if robot.identity == models.identity)
+
+
+def uri_with_measured_delay(uri: str, models: Path | ModelSet | None) -> str:
+    """Return the URI of a robot with the response delay that was measured when its models were identified.
+
+    A delay in the URI itself comes first, and a robot that knows its own needs none.
+
+    Args:
+        uri: Of the backend.
+        models: Those of the robot, or their file; None for none.
+
+    Raises:
+        ModelFileError: The file is wrong.
+    """
+    if models is None or not takes_delay(uri) or "delay" in parse_uri(uri).query:
+        return uri
+    found = models if isinstance(models, ModelSet) else ModelSet.load(models)
+    return uri if found.measured is None else with_delay(uri, found.measured.response_delay)

@@ -54,7 +54,7 @@ from pepper_driver.experiments.reports import ExperimentReport
 from pepper_driver.log import LogError, LogWriter, run_metadata
 from pepper_driver.loop import Labelling, Loop
 from pepper_driver.observer import Contact, Observation, Observer
-from pepper_driver.observers import check_observer, make_observer
+from pepper_driver.observers import check_observer, make_observer, uri_with_measured_delay
 from pepper_driver.realtime import Pacer, RealTimePacer, Statistics
 from pepper_driver.reflexes import Arbiter, Reflex, prepare_reflexes
 from pepper_driver.reflexes.declared import declare
@@ -103,6 +103,7 @@ class Pepper(CallbackRegistry):
         uri: Which robot: ``mujoco``, ``mujoco://?plant=nominal&seed=3``, ``naoqi://pepper.local``, ...
         observer: Name of an observer, an observer, or None to detect nothing.
         models: Model file of the observer, by default the one shipped for this robot, or for a plant that it extends.
+            A robot over NAOqi is also told the response delay that was measured for it, unless the URI has one.
         log: Where to write the MCAP log; None for no log.
         reflexes: Reactions inside the tick, asked in the order of their priority.
         real_time: Pace a simulation to the wall clock.
@@ -146,7 +147,10 @@ class Pepper(CallbackRegistry):
         self.reflexes = prepare_reflexes(reflexes, config)
         dry_run_reflexes(self.reflexes, config)
         super().__init__(config, self.reflexes)
-        self.backend: Backend = make_backend(uri, self.config)
+        self._models = None if models is None else as_path("models", models)
+        self.backend: Backend = make_backend(
+            uri_with_measured_delay(uri, self._models), self.config
+        )
         self.services = UserServices(self.backend, self._is_active)
         self.paced = real_time or self.backend.real_time
         if loop not in (None, "thread", "caller") or (loop == "thread" and not self.paced):
@@ -156,7 +160,6 @@ class Pepper(CallbackRegistry):
             )
         self._loop_thread = self.paced and loop != "caller"
         self._observer_name = observer if isinstance(observer, str) else None
-        self._models = None if models is None else as_path("models", models)
         if self._models is not None and self._observer_name is None:
             raise ConfigError("models are for an observer that is given by its name")
         self.observer = observer if isinstance(observer, Observer) else None

@@ -33,7 +33,7 @@ from pepper_driver.doctor import (
     examine,
     try_motion,
 )
-from pepper_driver.doctor.motion_test import make_pepper
+from pepper_driver.doctor.motion_test import RESPONSE_TIME, make_pepper
 from pepper_driver.observer import ModelSet
 from pepper_driver.recording.terminal_keys import StopKey
 
@@ -86,7 +86,7 @@ def doctor(
 
 
 def _confirmed() -> bool:
-    seconds = load_doctor_settings().motion
+    seconds = load_doctor_settings().motion + RESPONSE_TIME
     return typer.confirm(
         f"Next, for {seconds:.0f} s: arms go a little aside where they are near the body, then arms and head move by a "
         "few degrees. Is the robot on level floor, with clear space around it, its hands empty, no person touching it, "

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from pepper_driver.backends.readiness import CheckResult, failed, named, rated
+from pepper_driver.backends.readiness import CheckResult, failed, named, rated, unknown
 from pepper_driver.config import (
     DoctorSettings,
     Experiment,
@@ -22,7 +23,17 @@ from pepper_driver.config.steps import Step
 from pepper_driver.controller import RobotModel, Tick
 from pepper_driver.controller.collision import CapsuleDistances
 from pepper_driver.doctor.model_fit import JointFit, ModelFitMonitor, Verdict
-from pepper_driver.observer import Contact, ContactObserver, ModelSet, Observation
+from pepper_driver.identification.measurements.program import measured_joints
+from pepper_driver.identification.measurements.response import ResponseError, measure_response
+from pepper_driver.observer import (
+    Contact,
+    ContactObserver,
+    ModelSet,
+    Observation,
+    Recording,
+    RecordingBuilder,
+)
+from pepper_driver.observers import uri_with_measured_delay
 from pepper_driver.robot import Pepper
 
 SEED = 1
@@ -107,6 +118,24 @@ class _Room:
 REST = 0.25
 """[s] at each goal."""
 
+RESPONSE_STEP = 0.035
+"""[rad] of the steps that show when the currents answer."""
+
+RESPONSE_PAIRS = 8
+"""Steps to either side."""
+
+RESPONSE_REST = 0.9
+"""[s] after each."""
+
+RESPONSE_STIFFNESS = 900.0
+"""[1/s2] of the posture task: each step begins with the largest acceleration."""
+
+RESPONSE_TIME = 2 * RESPONSE_PAIRS * RESPONSE_REST
+"""[s] of all steps."""
+
+MAX_DELAY_CHANGE = 1
+"""Ticks by which the delay may differ from that of the models: more, and their residuals are those of another robot."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class MotionTest:
@@ -129,7 +158,7 @@ class MotionTest:
 def make_pepper(uri: str, models: ModelSet, robot: RobotConfig) -> Pepper:
     """Return the robot for a motion test, with the observer that everybody uses."""
     observer = ContactObserver(robot, models, load_observer_settings())
-    return Pepper(uri, observer=observer, robot=robot)
+    return Pepper(uri_with_measured_delay(uri, models), observer=observer, robot=robot)
 
 
 def try_motion(
@@ -145,6 +174,7 @@ def try_motion(
     robot, settings = pepper.config, load_doctor_settings()
     watch = ModelFitMonitor(robot, models, load_observer_settings(), moving_joints(robot))
     contacts: list[Contact] = []
+    builder = RecordingBuilder(robot)
 
     def on_tick(tick: Tick, observation: Observation | None) -> None:
         watch.step(tick, observation)
@@ -153,17 +183,17 @@ def try_motion(
 
     try:
         with pepper:
-            goals = plan_goals(pepper.target, robot, settings)
-            steps = [
-                Step(
-                    joints=dict(zip(robot.joint_names, goal.tolist(), strict=True)),
-                    duration=settings.segment_time - REST,
-                    hold=REST,
-                )
-                for goal in goals
-            ]
-            motion = Experiment(schema=2, name="small motion", steps=tuple(steps))
+            middle, *goals = plan_goals(pepper.target, robot, settings)
+            moves = partial(_moves, robot=robot, seconds=settings.segment_time - REST)
+            motion = Experiment(
+                schema=2, name="small motion", steps=moves([middle, *goals[:-1], middle])
+            )
             pepper.play(motion, on_tick=on_tick, on_progress=on_progress)
+            pepper.play(
+                _response_motion(middle, robot), on_tick=lambda tick, _: builder.append(tick)
+            )
+            back = Experiment(schema=2, name="back", steps=moves([goals[-1]]))
+            pepper.play(back, on_tick=on_tick)
             statistics = pepper.statistics
     except PepperError as error:
         result = rated(
@@ -183,11 +213,68 @@ def try_motion(
     fits = watch.fits(settings)
     results = (
         ticks,
+        _judge_delay(builder.finish(), models, pepper.backend.info.response_delay, robot),
         _judge_following(fits),
         _judge_models(fits, settings),
         _judge_touch(contacts),
     )
     return MotionTest(results=results, fits=fits)
+
+
+def _moves(goals: Sequence[FloatArray], robot: RobotConfig, seconds: float) -> tuple[Step, ...]:
+    """Return steps to goals (17,), one after the other."""
+    return tuple(
+        Step(
+            joints=dict(zip(robot.joint_names, goal.tolist(), strict=True)),
+            duration=seconds,
+            hold=REST,
+        )
+        for goal in goals
+    )
+
+
+def _response_motion(middle: FloatArray, robot: RobotConfig) -> Experiment:
+    """Return small steps of all moving joints at once to either side of a posture (17,), with rests."""
+    stepped = middle.copy()
+    for joint in measured_joints(robot):
+        stepped[robot.joint_index(joint)] += RESPONSE_STEP
+    steps = tuple(
+        Step(joints=dict(zip(robot.joint_names, goal.tolist(), strict=True)), hold=RESPONSE_REST)
+        for goal in (stepped, middle)
+    )
+    return Experiment(
+        schema=2,
+        name="small steps",
+        stiffness=RESPONSE_STIFFNESS,
+        steps=RESPONSE_PAIRS * steps,
+    )
+
+
+def _judge_delay(
+    recording: Recording, models: ModelSet, reported: int, robot: RobotConfig
+) -> CheckResult:
+    """Compare the delay from a command to its current with that of the models."""
+    try:
+        measured = measure_response(recording, measured_joints(robot), robot)
+    except ResponseError as error:
+        return unknown("delay", str(error))
+    delay, known = reported + measured.lead, models.measured
+    found = f"{delay} ticks from a command to its answer"
+    if known is None:
+        return rated(
+            "delay",
+            f"{found}, {reported} reported; these models do not say with which they were identified",
+            warning=measured.lead != 0,
+            remedy="identify again with 'pepper identify', which measures it",
+        )
+    change = delay - known.response_delay
+    return rated(
+        "delay",
+        f"{found}, {known.response_delay} when the models were identified",
+        failure=abs(change) > MAX_DELAY_CHANGE,
+        warning=change != 0,
+        remedy="use the same network, a cable if possible; if it stays, identify again with 'pepper identify'",
+    )
 
 
 def _judge_following(fits: tuple[JointFit, ...]) -> CheckResult:

@@ -16,6 +16,7 @@ from pepper_driver.doctor import CheckStatus, MotionTest, Verdict, try_motion
 from pepper_driver.doctor import motion_test as motion_test_module
 from pepper_driver.doctor.motion_test import NoRoomError, make_pepper, moving_joints, plan_goals
 from pepper_driver.observer import ModelSet
+from pepper_driver.observer.models.measured_robot import MeasuredRobot
 from pepper_driver.observer.models.model_file import shipped
 from pepper_driver.robot import Pepper
 from pepper_driver.testing import heated, pressed
@@ -114,6 +115,40 @@ def test_the_simulated_robot_fits_its_models() -> None:
     assert max(fit.rms for fit in motion_test.fits) < 0.5 * SETTINGS.worn_rms
     assert max(fit.peak for fit in motion_test.fits) < 0.7 * SETTINGS.worn_peak
     assert motion_test.fits[0].as_json()["verdict"] == "fits"
+
+
+@pytest.mark.usefixtures("brief")
+@pytest.mark.parametrize(
+    ("before", "status"),
+    [
+        (3, CheckStatus.OK),
+        (4, CheckStatus.WARNING),
+        (1, CheckStatus.FAILED),
+        (9, CheckStatus.FAILED),
+    ],
+)
+def test_a_delay_that_is_not_that_of_the_models_is_found(before: int, status: CheckStatus) -> None:
+    measured = MeasuredRobot(
+        reported_delay=before,
+        delay_error=0,
+        delay_spread=(-1.0, 1.0),
+        late=0.0,
+        lost=0.0,
+        weight=None,
+        joints={},
+    )
+    motion_test = tried("mujoco", replace(NOMINAL, measured=measured))
+    assert statuses(motion_test)["delay"] is status
+    assert found(motion_test, "delay").startswith("3 ticks from a command to its answer, ")
+    assert f"{before} when the models were identified" in found(motion_test, "delay")
+    assert motion_test.passed == (status is not CheckStatus.FAILED)
+
+
+@pytest.mark.usefixtures("brief")
+def test_a_robot_without_currents_shows_no_delay(monkeypatch: pytest.MonkeyPatch) -> None:
+    use(monkeypatch, Patient())
+    motion_test = tried("mock")
+    assert statuses(motion_test)["delay"] is CheckStatus.UNKNOWN
 
 
 @pytest.mark.usefixtures("brief")
