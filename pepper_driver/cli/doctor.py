@@ -33,6 +33,7 @@ from pepper_driver.doctor import (
     examine,
     try_motion,
 )
+from pepper_driver.doctor.bundle import write_bundle
 from pepper_driver.doctor.motion_test import RESPONSE_TIME, make_pepper
 from pepper_driver.observer import ModelSet
 from pepper_driver.recording.terminal_keys import StopKey
@@ -49,10 +50,19 @@ def doctor(
         bool, typer.Option("--no-motion", help="Only inspect: the robot does not move.")
     ] = False,
     json_file: JsonOption = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Also write all that was seen into an archive, NAME.zip, that can be sent: no names, no addresses.",
+        ),
+    ] = None,
 ) -> int:
     """Check a robot before it moves, then with a small motion whether its models fit; code 1 if a check failed."""
     console = make_console()
-    check_outputs(json_file)
+    if report is not None and report.suffix != ".zip":
+        raise ConfigError(f"{report}: a report is an archive and ends in .zip")
+    check_outputs(json_file, report)
     make_backend(uri)  # a wrong one is refused before anybody is asked
     asks = not (yes or no_motion)
     if asks and not sys.stdin.isatty():
@@ -82,6 +92,9 @@ def doctor(
     _print_fits(console, motion_test.fits)
     passed = examination.passed and motion_test.passed
     save_json(json_file, _as_json(uri, examination, motion_test), console)
+    if report is not None:
+        write_bundle(report, uri, examination, motion_test)
+        console.print(f"report: {report}; look through its report.json before you send it")
     return 0 if passed else 1
 
 

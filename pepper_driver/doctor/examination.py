@@ -99,11 +99,13 @@ class Examination:
         info: Of the backend.
         results: In the order of the checks.
         models: Of this robot; None without models.
+        inspection: Measurements of the robot at rest; None where it did not answer.
     """
 
     info: BackendInfo
     results: tuple[CheckResult, ...]
     models: ModelSet | None
+    inspection: Inspection | None
 
     @property
     def passed(self) -> bool:
@@ -133,10 +135,10 @@ def examine(
     settings, safety = load_doctor_settings(), load_safety_settings()
     controller = load_controller_settings(robot)
     backend = make_backend(uri, robot)
-    results = list(_robot(backend, robot, settings, safety, on_progress))
+    seen, results = _robot(backend, robot, settings, safety, on_progress)
     results += [check_settings(safety, controller), check_computer(backend)]
     found, result = _models(backend.info, models, robot)
-    return Examination(info=backend.info, results=(*results, result), models=found)
+    return Examination(info=backend.info, results=(*results, result), models=found, inspection=seen)
 
 
 def _robot(
@@ -145,11 +147,11 @@ def _robot(
     settings: DoctorSettings,
     safety: SafetySettings,
     on_progress: Callable[[float], None] | None,
-) -> list[CheckResult]:
-    """Return the connection, and what is measured over it where it stands."""
+) -> tuple[Inspection | None, list[CheckResult]]:
+    """Return the measurements, and the checks of the connection and of what is measured over it."""
     info = backend.info
     if info.joint_names != robot.joint_names or info.cycle != robot.cycle:
-        return [
+        return None, [
             rated(
                 "connection",
                 "the robot has other joints, another order of them or another cycle than its description",
@@ -160,7 +162,7 @@ def _robot(
     try:
         seen = inspect_robot(backend, robot, settings.inspection_time, on_progress)
     except PepperError as error:
-        return [
+        return None, [
             rated(
                 "connection",
                 str(error),
@@ -174,7 +176,7 @@ def _robot(
         f"'{info.identities[0].name}'; {len(info.joint_names)} joints every {info.cycle * 1e3:g} ms, "
         f"commands answered {info.response_delay} ticks later",
     )
-    return [connected, *_checks(seen, robot, settings, safety)]
+    return seen, [connected, *_checks(seen, robot, settings, safety)]
 
 
 def _checks(

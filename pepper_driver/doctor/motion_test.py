@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -118,6 +118,8 @@ class _Room:
 REST = 0.25
 """[s] at each goal."""
 
+SMALL_MOTION, SMALL_STEPS = "small motion", "small steps"
+
 RESPONSE_STEP = 0.035
 """[rad] of the steps that show when the currents answer."""
 
@@ -144,10 +146,12 @@ class MotionTest:
     Attributes:
         results: Of its checks.
         fits: By joint that moved; empty where the motion was broken off.
+        recordings: Of its motions by name, as far as they came.
     """
 
     results: tuple[CheckResult, ...]
     fits: tuple[JointFit, ...]
+    recordings: Mapping[str, Recording] = field(default_factory=dict)
 
     @property
     def passed(self) -> bool:
@@ -174,9 +178,10 @@ def try_motion(
     robot, settings = pepper.config, load_doctor_settings()
     watch = ModelFitMonitor(robot, models, load_observer_settings(), moving_joints(robot))
     contacts: list[Contact] = []
-    builder = RecordingBuilder(robot)
+    builders = {name: RecordingBuilder(robot) for name in (SMALL_MOTION, SMALL_STEPS)}
 
     def on_tick(tick: Tick, observation: Observation | None) -> None:
+        builders[SMALL_MOTION].append(tick)
         watch.step(tick, observation)
         if observation is not None:
             contacts.extend(c for c in observation.contacts if c.phase == "begin")
@@ -186,11 +191,12 @@ def try_motion(
             middle, *goals = plan_goals(pepper.target, robot, settings)
             moves = partial(_moves, robot=robot, seconds=settings.segment_time - REST)
             motion = Experiment(
-                schema=2, name="small motion", steps=moves([middle, *goals[:-1], middle])
+                schema=2, name=SMALL_MOTION, steps=moves([middle, *goals[:-1], middle])
             )
             pepper.play(motion, on_tick=on_tick, on_progress=on_progress)
             pepper.play(
-                _response_motion(middle, robot), on_tick=lambda tick, _: builder.append(tick)
+                _response_motion(middle, robot),
+                on_tick=lambda tick, _: builders[SMALL_STEPS].append(tick),
             )
             back = Experiment(schema=2, name="back", steps=moves([goals[-1]]))
             pepper.play(back, on_tick=on_tick)
@@ -202,7 +208,8 @@ def try_motion(
             failure=True,
             remedy="find what stopped the robot, remove the cause, and examine the robot again",
         )
-        return MotionTest(results=(result,), fits=())
+        return MotionTest(results=(result,), fits=(), recordings=_finished(builders))
+    recordings = _finished(builders)
     fraction = statistics.missed / (statistics.ticks + statistics.missed)
     ticks = rated(
         "motion",
@@ -213,12 +220,17 @@ def try_motion(
     fits = watch.fits(settings)
     results = (
         ticks,
-        _judge_delay(builder.finish(), models, pepper.backend.info.response_delay, robot),
+        _judge_delay(recordings[SMALL_STEPS], models, pepper.backend.info.response_delay, robot),
         _judge_following(fits),
         _judge_models(fits, settings),
         _judge_touch(contacts),
     )
-    return MotionTest(results=results, fits=fits)
+    return MotionTest(results=results, fits=fits, recordings=recordings)
+
+
+def _finished(builders: Mapping[str, RecordingBuilder]) -> dict[str, Recording]:
+    """Return the recordings that have samples."""
+    return {name: builder.finish() for name, builder in builders.items() if len(builder) > 1}
 
 
 def _moves(goals: Sequence[FloatArray], robot: RobotConfig, seconds: float) -> tuple[Step, ...]:
@@ -244,7 +256,7 @@ def _response_motion(middle: FloatArray, robot: RobotConfig) -> Experiment:
     )
     return Experiment(
         schema=2,
-        name="small steps",
+        name=SMALL_STEPS,
         stiffness=RESPONSE_STIFFNESS,
         steps=RESPONSE_PAIRS * steps,
     )

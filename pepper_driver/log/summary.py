@@ -78,8 +78,12 @@ def run_metadata(
     for name, text in settings.items():
         metadata[f"{name}_settings"] = text
         metadata[f"{name}_settings_sha256"] = hashlib.sha256(text.encode()).hexdigest()
+    return metadata | versions()
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of program, interpreter and libraries, and the kind of this computer, not its name."""
     return {
-        **metadata,
         "pepper_driver": _version("pepper-driver"),
         "python": platform.python_version(),
         **{name: _version(name) for name in LIBRARIES},

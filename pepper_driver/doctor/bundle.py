@@ -1,0 +1,165 @@
+"""One file with all that the doctor saw, to be sent to others: without names, addresses, serial numbers and secrets."""
+
+from __future__ import annotations
+
+import getpass
+import hashlib
+import json
+import platform
+import re
+import zipfile
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from pepper_driver.backends import BackendInfo
+from pepper_driver.backends.selection import parse_uri
+from pepper_driver.config.files import write_bytes
+from pepper_driver.doctor.examination import Examination
+from pepper_driver.doctor.motion_test import MotionTest
+from pepper_driver.log.summary import versions
+from pepper_driver.observer import ModelSet
+from pepper_driver.observer.recording import arrays_as_bytes
+
+FORMAT = 1
+
+MIN_NAME = 3
+"""Letters of a name that is taken out: shorter ones are in many words."""
+
+DATE = (1980, 1, 1, 0, 0, 0)
+"""Of the files inside: equal content gives equal bytes."""
+
+CONTENT = """Report of 'pepper doctor', to be sent to those who can help.
+
+report.json       versions of the program, kind of computer, checks, verdict on each joint, measured facts
+inspection.npz    sensors of the robot at rest, for some seconds
+small-*.npz       commands and sensors of its small motion (numpy.load)
+
+Host names, user names, network addresses, folders and the serial number of the robot were replaced by <...> or a hash.
+Look through report.json before you send it.
+"""
+
+_INSPECTED = ("time", "age", "position", "current", "wheel_speed", "temperature", "battery")
+_ADDRESSES = (
+    re.compile(r"\b(?:\d{1,3}\.){3}\d{1,3}\b"),
+    re.compile(r"(?i)\b(?:[0-9a-f]{2}[:-]){5}[0-9a-f]{2}\b"),
+    re.compile(r"(?i)(?<![\w:])(?:[0-9a-f]{0,4}:){3,7}[0-9a-f]{1,4}(?![\w:])"),
+)
+
+
+class Scrubber:
+    """Takes names, addresses and serial numbers out of texts.
+
+    Args:
+        uri: Of the robot.
+        info: Of its backend.
+    """
+
+    def __init__(self, uri: str, info: BackendInfo) -> None:
+        host = parse_uri(uri).host
+        user, _, address = host.rpartition("@")
+        names = {
+            "robot": (address.split(":")[0], info.identity.removesuffix("/angles")),
+            "user": (user.split(":")[0], _user(), Path.home().name),
+            "computer": (platform.node(), platform.node().split(".")[0]),
+        }
+        # A simulated robot has a hash for its identity, and no address.
+        self._names = [
+            (re.compile(rf"(?<!\w){re.escape(name)}(?!\w)", re.IGNORECASE), f"<{what}>")
+            for what, given in names.items()
+            for name in sorted(set(given), key=len, reverse=True)
+            if len(name) >= MIN_NAME
+        ]
+        self._home = str(Path.home())
+
+    def text(self, text: str) -> str:
+        """Return a text without them."""
+        if len(self._home) > 1:
+            text = text.replace(self._home, "<home>")
+        for pattern in _ADDRESSES:
+            text = pattern.sub("<address>", text)
+        for pattern, what in self._names:
+            text = pattern.sub(what, text)
+        return text
+
+    def tree(self, value: Any) -> Any:  # noqa: ANN401 any JSON
+        """Return JSON values with all their texts scrubbed, also those that are keys."""
+        if isinstance(value, str):
+            return self.text(value)
+        if isinstance(value, Mapping):
+            return {self.text(str(key)): self.tree(one) for key, one in value.items()}
+        if isinstance(value, list | tuple):
+            return [self.tree(one) for one in value]
+        return value
+
+
+def _user() -> str:
+    """Return the name of the user; a system without one must stop no report."""
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError, ImportError):
+        return ""
+
+
+def write_bundle(path: Path, uri: str, examination: Examination, motion_test: MotionTest) -> None:
+    """Write all that an examination and a motion test saw.
+
+    Args:
+        path: Of the file, a ZIP archive.
+        uri: Of the robot.
+        examination: At rest.
+        motion_test: In motion; may have none.
+
+    Raises:
+        OutputError: The file cannot be written.
+    """
+    scrubber, info = Scrubber(uri, examination.info), examination.info
+    report = {
+        "format": FORMAT,
+        "versions": versions(),
+        "robot": {
+            "id": hashlib.sha256(info.identity.encode()).hexdigest()[:12],
+            "scheme": parse_uri(uri).scheme,
+            "simulated": "seed" in info.capabilities,
+            "response_delay": info.response_delay,
+            "capabilities": sorted(info.capabilities),
+        },
+        "passed": examination.passed and motion_test.passed,
+        "results": [result.as_json() for result in (*examination.results, *motion_test.results)],
+        "joints": [fit.as_json() for fit in motion_test.fits],
+        "models": _models(examination.models),
+    }
+    files = {
+        "README.txt": CONTENT.encode(),
+        "report.json": json.dumps(scrubber.tree(report), indent=1, sort_keys=True).encode(),
+    }
+    if examination.inspection is not None:
+        files["inspection.npz"] = arrays_as_bytes(
+            {name: examination.inspection.values(name) for name in _INSPECTED}
+        )
+    for name, recording in motion_test.recordings.items():
+        files[f"{name.replace(' ', '-')}.npz"] = recording.as_bytes()
+    write_bytes(path, _archive(files.items()))
+
+
+def _models(models: ModelSet | None) -> dict[str, Any] | None:
+    """Return what matters of the models; the models themselves stay at home."""
+    if models is None:
+        return None
+    return {
+        "kind": models.kind,
+        "version": models.version,
+        "test_fit": dict(models.test_fit),
+        "threshold": dict(models.threshold),
+        "measured": None if models.measured is None else asdict(models.measured),
+    }
+
+
+def _archive(files: Iterable[tuple[str, bytes]]) -> bytes:
+    content = BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in files:
+            archive.writestr(zipfile.ZipInfo(name, DATE), data, zipfile.ZIP_DEFLATED)
+    return content.getvalue()
