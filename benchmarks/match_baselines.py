@@ -67,7 +67,7 @@ def main() -> int:
         records=options.folder / "matching",
         touch=False,
     )
-    with make_progress(console, count=True) as progress:
+    with make_progress(console) as progress:
         bar = progress.add_task("judging", total=None)
         records = judge(
             judging,

@@ -158,10 +158,10 @@ def judge_split(options: SplitOptions, workers: Workers, console: Console) -> Ju
             partial(make_folder, options.folder), "give '--folder' a folder that all machines share"
         )
     begun: Look | None = None
-    with make_progress(console, count=True) as progress:
+    with make_progress(console) as progress:
         bar = progress.add_task("judging", total=None)
 
-        def show(what: str, done: int, total: int) -> None:
+        def show(what: str, done: float, total: float) -> None:
             progress.update(bar, completed=done, total=total, description=f"judging ({what})")
 
         if options.split == "test":

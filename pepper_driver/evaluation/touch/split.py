@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Protocol
 
 from pepper_driver.backends import make_backend
 from pepper_driver.config import Experiment, PepperError, RobotConfig, load_plant, load_robot
@@ -32,7 +33,12 @@ from pepper_driver.evaluation.touch.records import (
     save_take,
 )
 from pepper_driver.evaluation.touch.takes import TakeSpec, perform, plan_takes
-from pepper_driver.identification import IdentifiedRobot, identify_population
+from pepper_driver.identification import (
+    IdentifiedRobot,
+    identify_population,
+    plan_runs,
+    sweeps_of,
+)
 from pepper_driver.observer import ModelKind, Observer
 
 PART = 2
@@ -50,8 +56,8 @@ QUICK_STRIDE, QUICK_TOUCHES = 9, 5
 
 TREES: tuple[ModelKind, ...] = ("affine", "cart")
 
-Progress = Callable[[str, int, int], None]
-"""Called with (what was done, jobs done, jobs in all); a job is the identification of a robot, or a take."""
+Progress = Callable[[str, float, float], None]
+"""Called with (what was done, robot time done, robot time in all) [s]."""
 
 Kept = Callable[[RobotRecord], None]
 """Called with the record of a robot once it is complete."""
@@ -145,13 +151,15 @@ def judge(
                 if kept is not None:
                     kept(record)
         left = [draw for draw in draws if draw not in done]
-        size, total, count = _part_size(workers), sum(1 + len(judging.specs(d)) for d in left), 0
+        size, identifying = _part_size(workers), _identification_time()
+        total = sum(identifying + sum(spec.seconds for spec in judging.specs(d)) for d in left)
+        ended = 0.0
 
-        def tell(what: str) -> None:
-            nonlocal count
-            count += 1
+        def tell(what: str, seconds: float = identifying) -> None:
+            nonlocal ended
+            ended += seconds
             if progress is not None:
-                progress(what, count, total)
+                progress(what, ended, total)
 
         for start in range(0, len(left), size):
             part = left[start : start + size]
@@ -162,6 +170,22 @@ def judge(
                 if kept is not None:
                     kept(record)
     return tuple(done[draw] for draw in draws)
+
+
+class Tell(Protocol):
+    """Tells what is done; without its time, an identification."""
+
+    def __call__(self, what: str, seconds: float = ...) -> None:
+        """Tell what was done, and how long it takes a robot [s]."""
+        ...
+
+
+def _identification_time() -> float:
+    """Return how long the identification of a robot takes it [s]."""
+    robot = load_robot()
+    experiment, body = load_experiment(EXPERIMENT, robot), load_experiment(CALIBRATION, robot)
+    joints = sweeps_of(experiment).joints
+    return sum(run.seconds for run in plan_runs(robot, joints, experiment, calibration=body))
 
 
 def _part_size(workers: Workers) -> int:
@@ -188,7 +212,7 @@ def _judge_part(
     draws: Sequence[int],
     key: str,
     workers: Workers,
-    tell: Callable[[str], None],
+    tell: Tell,
 ) -> Iterator[RobotRecord]:
     """Identify robots, perform their takes, and yield their records; ``tell`` what is done."""
     robot, versions = load_robot(), _versions()
@@ -210,7 +234,7 @@ def _judge_part(
             )
     for spec, take in run_jobs(jobs, workers=workers, ordered=False):
         takes[spec.draw, spec.name] = take
-        tell(f"{spec.population}-{spec.draw}, {spec.name}")
+        tell(f"{spec.population}-{spec.draw}, {spec.name}", spec.seconds)
     for draw in draws:
         owner = identified[draw]
         fits: dict[str, dict[str, float]] = next(iter(owner.report.get("fit", {}).values()), {})

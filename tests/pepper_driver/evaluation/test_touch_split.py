@@ -95,12 +95,18 @@ def test_progress_is_of_all_robots_that_are_left(
 ) -> None:
     monkeypatch.setattr(split, "PART", 1)
     judge(judging, [0], workers=1)
-    seen: list[tuple[int, int]] = []
+    seen: list[tuple[float, float]] = []
     judge(
         judging, [0, FAILS, 2], workers=1, progress=lambda _, done, all_: seen.append((done, all_))
     )
     # Of two robots: the identification, and two takes.
-    assert seen == [(number, 6) for number in range(1, 7)]
+    done, totals = zip(*seen, strict=True)
+    assert len(done) == 6
+    assert len(set(totals)) == 1
+    assert list(done) == sorted(done)
+    assert done[-1] == pytest.approx(totals[0])
+    # By the robot's time: an identification takes as long as many takes.
+    assert done[0] > 10.0 * (done[1] - done[0])
 
 
 def test_another_observer_is_judged_anew(judging: Judging) -> None:
