@@ -7,12 +7,16 @@ from typing import Annotated
 
 import typer
 
-from pepper_driver.cli.console import check_outputs, make_console, show_line
+from pepper_driver.cli.console import check_outputs, duration_text, make_console, show_line
 from pepper_driver.config import load_experiment, load_robot
 from pepper_driver.config.file_lock import lock_file
+from pepper_driver.config.touch_prompts import TouchPrompt, load_touch_prompts
 from pepper_driver.log import Label
 from pepper_driver.recording.labels import LabelSource
 from pepper_driver.recording.record import record_labelled
+
+STANDARD = "standard"
+"""Name of the shipped prompts."""
 
 DEFAULT_SECONDS = 60.0
 """[s] for which a robot that plays nothing holds its posture."""
@@ -39,6 +43,13 @@ def record(
             help="Motion or experiment to play, without its reactions; by default the posture is held.",
         ),
     ] = None,
+    prompts: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME_OR_FILE",
+            help=f"Touches that the robot asks for, one after the other: {STANDARD} for the thirty shipped ones.",
+        ),
+    ] = None,
     seed: Annotated[
         int | None,
         typer.Option(
@@ -63,7 +74,10 @@ def record(
     lock_file(out).release()  # what the log would refuse, before the robot moves
     robot = load_robot()
     experiment = None if play is None else load_experiment(play, robot)
-    if experiment is None and seconds is None:
+    asked = None
+    if prompts is not None:
+        asked = load_touch_prompts(robot, None if prompts == STANDARD else Path(prompts))
+    elif experiment is None and seconds is None:
         seconds = DEFAULT_SECONDS
 
     def start() -> None:
@@ -73,6 +87,13 @@ def record(
             else f"touch the robot; '{label}' labels it"
         )
         console.print(f"recording: {how}; Ctrl-C ends it")
+        if asked is not None:
+            touches = "1 touch" if len(asked.touches) == 1 else f"{len(asked.touches)} touches"
+            console.print(f"{touches} in {duration_text(asked.seconds)}; each is asked for")
+
+    def show_prompt(number: int, prompt: TouchPrompt) -> None:
+        force = "" if prompt.force is None else f" ({prompt.force:g} N)"
+        show_line(console, f"{number + 1:3d}. {prompt.say}{force}")
 
     def show_label(end: Label) -> None:
         show_line(console, f"{end.time:8.2f} s  {end.phase}")
@@ -82,10 +103,12 @@ def record(
         out,
         label,
         experiment=experiment,
+        prompts=asked,
         seconds=seconds,
         seed=seed,
         link=link,
         joint=joint,
+        on_prompt=show_prompt,
         on_label=show_label,
         on_start=lambda _: start(),
     )

@@ -14,6 +14,7 @@ from pepper_driver.backends.fields import RECORDED_FIELDS
 from pepper_driver.config import PepperError, RobotConfig, UnknownNameError
 from pepper_driver.config.arguments import checked_arguments
 from pepper_driver.config.robot import TRUNK
+from pepper_driver.config.touch_prompts import TouchPrompts
 from pepper_driver.log import Label, RunLog
 from pepper_driver.log.topics import LabelPhase
 from pepper_driver.observer import KnownPush, Recording, RecordingError
@@ -146,6 +147,50 @@ class Labeller:
         return Label(
             time=time, phase=phase, source=self._source, link=self._link, joint=self._joint
         )
+
+
+class PromptedLabeller:
+    """Makes labels of touches that prompts ask for, one after the other, each of its own place.
+
+    A touch that lasts into the next prompt keeps its place.
+
+    Args:
+        source: What is pressed; see :func:`make_labeller`.
+        prompts: With their times, which begin with the first tick.
+        robot: Its description.
+        space_bar: What the source ``key`` is.
+    """
+
+    def __init__(
+        self, source: str, prompts: TouchPrompts, robot: RobotConfig, space_bar: SpaceBar
+    ) -> None:
+        self._prompts = prompts
+        self._labellers = [
+            make_labeller(source, robot, space_bar, link=touch.link) for touch in prompts.touches
+        ]
+        self._began: float | None = None
+        self._number = 0
+
+    @property
+    def touched(self) -> bool:
+        """True if the last label was an onset."""
+        return self._labellers[self._number].touched
+
+    def number(self, time: float) -> int | None:
+        """Return the number of the prompt at a time of the robot [s]; None before the first and after the last."""
+        if self._began is None:
+            return None
+        number = math.floor((time - self._began - self._prompts.rest) / self._prompts.time)
+        return number if 0 <= number < len(self._labellers) else None
+
+    def step(self, measurement: Measurement) -> tuple[Label, ...]:
+        """Return the label of this tick, if there is one."""
+        if self._began is None:
+            self._began = measurement.time
+        asked = self.number(measurement.time)
+        if asked is not None and not self.touched:
+            self._number = asked
+        return self._labellers[self._number].step(measurement)
 
 
 def make_labeller(

@@ -13,11 +13,18 @@ from pepper_driver.backends import Measurement
 from pepper_driver.config import Experiment, load_robot
 from pepper_driver.config.arguments import as_path, checked_arguments, is_number
 from pepper_driver.config.errors import shown
+from pepper_driver.config.steps import Step
+from pepper_driver.config.touch_prompts import TouchPrompt, TouchPrompts
 from pepper_driver.controller import Tick
 from pepper_driver.experiments.plan import experiment_uri, plan_experiment
 from pepper_driver.log import Label
 from pepper_driver.observer import Observation
-from pepper_driver.recording.labels import LabelError, make_labeller
+from pepper_driver.recording.labels import (
+    LabelError,
+    Labeller,
+    PromptedLabeller,
+    make_labeller,
+)
 from pepper_driver.recording.terminal_keys import SpaceBar
 from pepper_driver.robot import Pepper
 
@@ -41,6 +48,15 @@ class LabelledRun:
     missing: int
 
 
+def prompted_experiment(prompts: TouchPrompts) -> Experiment:
+    """Return the experiment in which a robot that stands asks for touches."""
+    pause = (Step(hold=prompts.rest),) if prompts.rest > 0.0 else ()
+    asking = tuple(Step(say=touch.say, hold=prompts.time) for touch in prompts.touches)
+    return Experiment(
+        schema=2, name="prompted touches", observer=None, steps=(*pause, *asking, *pause)
+    )
+
+
 @checked_arguments
 def record_labelled(
     uri: str,
@@ -48,10 +64,12 @@ def record_labelled(
     source: str,
     *,
     experiment: Experiment | None = None,
+    prompts: TouchPrompts | None = None,
     seconds: float | None = None,
     seed: int | None = None,
     link: str | None = None,
     joint: str | None = None,
+    on_prompt: Callable[[int, TouchPrompt], None] | None = None,
     on_label: Callable[[Label], None] | None = None,
     on_start: Callable[[Pepper], None] | None = None,
 ) -> LabelledRun:
@@ -62,10 +80,12 @@ def record_labelled(
         out: The log; an existing file is replaced once the robot is there.
         source: Where the labels come from, see :func:`pepper_driver.recording.labels.make_labeller`.
         experiment: Played again and again until ``seconds`` are over, or once; its reactions are left out.
+        prompts: Touches that the robot asks for, in place of an experiment; they name the links.
         seconds: Time for which it holds its posture, or plays at least [s].
         seed: Of the experiment's random goals; None for its own.
         link: What is touched; in place of the link of the sensor.
         joint: The last joint that moves it.
+        on_prompt: Called with number and prompt when its time has come, inside the tick: must be quick.
         on_label: Called with each label, inside the tick: must be quick.
         on_start: Given the robot when it is ready: to push a simulated one, for example.
 
@@ -76,6 +96,12 @@ def record_labelled(
     out = as_path("out", out)
     if seconds is not None and not (is_number(seconds) and 0 < seconds < math.inf):
         raise LabelError(f"seconds must be a time above 0, got {shown(seconds)}")
+    if prompts is not None:
+        if any(given is not None for given in (experiment, seconds, seed, link, joint)):
+            raise LabelError(
+                "prompts have a motion, times and places of their own: leave those out"
+            )
+        experiment = prompted_experiment(prompts)
     if experiment is None and seed is not None:
         raise LabelError("a seed is for an experiment: leave it out")
     if experiment is None and seconds is None:
@@ -83,7 +109,11 @@ def record_labelled(
     length = 0.0 if seconds is None else seconds
     robot = load_robot()
     space_bar, by_key = SpaceBar(), source == "key"
-    labeller = make_labeller(source, robot, space_bar, link=link, joint=joint)
+    labeller: Labeller | PromptedLabeller
+    if prompts is None:
+        labeller = make_labeller(source, robot, space_bar, link=link, joint=joint)
+    else:
+        labeller = PromptedLabeller(source, prompts, robot, space_bar)
     if experiment is not None:
         uri = experiment_uri(uri, experiment)
     pepper = Pepper(uri, observer=None, robot=robot, real_time=by_key)
@@ -96,10 +126,15 @@ def record_labelled(
         deque()
     )  # also by the ticks between the start and the first call of on_tick
     interrupt: KeyboardInterrupt | None = None
+    asked: int | None = None
 
     def on_tick(tick: Tick, observation: Observation | None) -> None:
-        nonlocal ticks, touches
+        nonlocal ticks, touches, asked
         ticks += 1
+        if isinstance(labeller, PromptedLabeller) and prompts is not None:
+            before, asked = asked, labeller.number(tick.measurement.time)
+            if asked is not None and asked != before and on_prompt is not None:
+                on_prompt(asked, prompts.touches[asked])
         while made:
             label = made.popleft()
             touches += label.phase == "onset"
