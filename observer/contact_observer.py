@@ -6,7 +6,7 @@ import json
 import logging
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -40,6 +40,9 @@ from pepper_driver.observer.residuals.paper import PaperGenerator
 
 ONSET_LOOKBACK = 0.5
 """[s] before the median window; the onset of a touch that grows more slowly is reported too late."""
+
+MAX_THRESHOLD = np.radians(10.0)
+"""[rad] Identified threshold beyond which a joint never shows a touch: recorded wrists have 17 deg and more."""
 
 WEAR_PERIOD = 2500
 """Ticks between two checks for worn joints: half a minute."""
@@ -91,7 +94,8 @@ class ContactObserver(Observer):
     The stages are the same: a generator computes residuals and thresholds of ticks (:class:`PaperGenerator`,
     :class:`FusionGenerator`, :class:`MomentumGenerator`), a tracker derives events from them (:class:`ChainTrackers`,
     for fusion :class:`BodyTracker`). A joint that cannot be judged is BLIND: its values are NaN, and it takes part in
-    no contact.
+    no contact. Neither does one that is DOUBTFUL (mode ``fusion``): the motor does not work against its error at rest
+    (:mod:`~pepper_driver.observer.residuals.doubt`), or its identified threshold is beyond MAX_THRESHOLD.
 
     Args:
         robot: Description of the robot.
@@ -126,6 +130,8 @@ class ContactObserver(Observer):
             self._tracker = ChainTrackers(robot, settings, self._history.onset)
         no_model = self._generator.no_model
         self._resting_state = np.where(no_model, JointState.BLIND, JointState.FREE).astype(np.int8)
+        self._numb = [robot.joint_index(name) for name in numb_joints(models)]
+        self._resting_state[self._numb] = JointState.DOUBTFUL
         self._known = ~no_model
         self._known_count = np.count_nonzero(self._known)
         self._none_settled = np.zeros(len(no_model), dtype=np.bool_)
@@ -231,6 +237,13 @@ class ContactObserver(Observer):
         no_model = self._generator.no_model
         # NaN compares as False: a blind joint counts as not within its threshold.
         within = np.count_nonzero(np.abs(residuals.residual) <= residuals.threshold)
+        doubtful = residuals.doubtful
+        if doubtful is not None and np.count_nonzero(doubtful):
+            # To the tracker they are blind.
+            within = 0
+            residuals = replace(residuals, residual=np.where(doubtful, np.nan, residuals.residual))
+        else:
+            doubtful = None
         quiet = within == self._known_count and not abs(residuals.base_residual) > 1.0
         # Most ticks end here, which saves the state machines of all joints.
         if quiet and self._tracker.idle:
@@ -240,6 +253,9 @@ class ContactObserver(Observer):
         contacts = self._tracker.step(self._time, residuals, states, settled)
         # Of bytes: an array of a list of enumeration members takes three times as long.
         state = np.frombuffer(bytearray(states), dtype=np.int8)
+        state[self._numb] = JointState.DOUBTFUL
+        if doubtful is not None:
+            state[doubtful] = JointState.DOUBTFUL
         ended = np.array(settled) if any(settled) else self._none_settled
         return contacts, state, state == JointState.FREE, ended
 
@@ -261,6 +277,15 @@ def _sizes(tick: Tick) -> tuple[int, ...]:
     )
 
 
+def numb_joints(models: ModelSet) -> tuple[str, ...]:
+    """Return the joints whose identified thresholds are so high that they never show a touch; of kind ``fusion``."""
+    return tuple(
+        name
+        for name, model in models.models.items()
+        if isinstance(model, FusionModel) and model.max_bound > MAX_THRESHOLD
+    )
+
+
 def _make_generator(
     mode: str,
     robot: RobotConfig,
@@ -269,7 +294,8 @@ def _make_generator(
     parts: ObserverParts,
 ) -> tuple[ResidualGenerator, int]:
     """Make the residual generator for the models, and the window of its filter."""
-    of_joint = [models.models.get(name) for name in robot.joint_names]
+    numb = numb_joints(models)
+    of_joint = [None if name in numb else models.models.get(name) for name in robot.joint_names]
     fusion = [model if isinstance(model, FusionModel) else None for model in of_joint]
     if mode == "momentum":
         own = np.array([np.nan if m is None else m.momentum_bound for m in fusion])

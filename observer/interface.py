@@ -88,6 +88,8 @@ class JointState(IntEnum):
     SETTLING = 4
     BLIND = 5
     """No model, or data that cannot be judged: neither free nor in contact."""
+    DOUBTFUL = 6
+    """At rest with an error that its motor does not work against, or with a threshold that no touch reaches."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -150,6 +152,7 @@ class Residuals:
         torque_std: Its standard deviation [N m].
         friction_band: Largest error at which friction can hold a joint [rad]; 0 where it is unknown.
         blind: Joints that cannot be judged.
+        doubtful: Joints at rest whose error is no touch; None where this is not examined.
         base_raw: Residual of the base before the filter, in units of its bound; NaN where it cannot be judged.
         base_residual: The same, filtered.
         detail: Data that the generator needs again in ``learn``, when the events of the tick are known.
@@ -163,6 +166,7 @@ class Residuals:
     torque_std: FloatArray
     friction_band: FloatArray
     blind: BoolArray
+    doubtful: BoolArray | None = None
     base_raw: float = np.nan
     base_residual: float = np.nan
     detail: object = None

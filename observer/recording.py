@@ -252,6 +252,7 @@ class Recording:
         free motion does.
         """
         beyond = np.abs(self.tracking_error(joint_index)) > WORKING_ERROR
+        beyond &= self.usable(joint_index)  # the others are no evidence
         within = np.ones(len(self), dtype=np.bool_)
         if not beyond.any():
             return within

@@ -16,7 +16,11 @@ from pepper_driver.observer.fitting.mobile_base import fit_base
 from pepper_driver.observer.fitting.stick_slip import START_UP_TIME, fit_stick_slip
 from pepper_driver.observer.fitting.tree import AffineGrowth
 from pepper_driver.observer.models.fusion_model import BaseModel, FusionModel, MomentumParameters
-from pepper_driver.observer.models.stick_slip import StickSlipModel, StickSlipParameters
+from pepper_driver.observer.models.stick_slip import (
+    NO_LIMIT,
+    StickSlipModel,
+    StickSlipParameters,
+)
 from pepper_driver.observer.models.tree import LEAF, CartTree
 from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.residuals.adaptation import HandLoads
@@ -52,8 +56,9 @@ def _simulate(
     index = recording.joint_names.index(joint)
     error = recording.tracking_error(index)
     sent, load_torque = recording.sent_position[:, index], recording.load_torque[:, index]
+    position = recording.position[:, index]
     model = StickSlipModel.from_parameters([parameters], cycle)
-    states = model.play(0, float(recording.position[0, index]), sent, load_torque)
+    states = model.play(0, float(position[0]), sent, load_torque)
     change, curvature = ErrorDerivatives(1, cycle).play(error)
     counts = recording.fit_samples(index).copy()
     # Until then the model may hold its friction in another direction than the joint does.
@@ -61,8 +66,8 @@ def _simulate(
     features = recording.features(index)
     run = _SimulatedRun(
         features=features,
-        model_error=states["position"] - recording.position[:, index],
-        drive=error + states["integral"],
+        model_error=states["position"] - position,
+        drive=states["target"] - position + states["integral"],
         moves=np.abs(states["velocity"]) > MIN_MOVING_SPEED,
         friction=states["friction"],
         load=parameters.load_gain * features[:, 2],
@@ -83,6 +88,7 @@ def fit_fusion(
     calibration: Sequence[Recording],
     *,
     window: int,
+    target_speeds: Mapping[str, float],
     workers: Workers = -1,
 ) -> tuple[dict[str, FusionModel], BaseModel | None]:
     """Fit the models of all joints, and of the base if it moves in the calibration.
@@ -94,12 +100,22 @@ def fit_fusion(
         shared: By joint without a model of its own, the joint whose model it gets.
         calibration: Free motion of the whole body, for the thresholds.
         window: Samples of the median.
+        target_speeds: By joint whose board limits it, the speed of its target [rad/s].
         workers: Processes, -1 for one per core; or a cluster. The result does not depend on it.
     """
     from pepper_driver.config.workers import run_jobs  # slow to import, and needed here alone
 
     own = [joint for joint in sweeps if joint not in mirrors]
-    jobs = (partial(fit_joint_stick_slip, joint, sweeps[joint], robot) for joint in own)
+    jobs = (
+        partial(
+            fit_joint_stick_slip,
+            joint,
+            sweeps[joint],
+            robot,
+            target_speed=target_speeds.get(joint, NO_LIMIT),
+        )
+        for joint in own
+    )
     stick_slips = dict(zip(own, run_jobs(jobs, workers=workers), strict=True))
     for joint, source in mirrors.items():
         _, sign = robot.mirror[robot.joint_index(joint)]
@@ -127,11 +143,16 @@ def _joined(parts: Sequence[_SimulatedRun]) -> _SimulatedRun:
 
 
 def fit_joint_stick_slip(
-    joint: str, recordings: Sequence[Recording], robot: RobotConfig
+    joint: str, recordings: Sequence[Recording], robot: RobotConfig, target_speed: float = NO_LIMIT
 ) -> StickSlipParameters:
     """Fit the stick-slip model of a joint, with the constants of its motor; see :func:`fit_stick_slip`."""
-    torque_constant = robot.motors.joint_torque_constant(joint)
-    return fit_stick_slip(joint, recordings, robot.cycle, torque_constant=torque_constant)
+    return fit_stick_slip(
+        joint,
+        recordings,
+        robot.cycle,
+        torque_constant=robot.motors.joint_torque_constant(joint),
+        target_speed=target_speed,
+    )
 
 
 def fit_joint_fusion(

@@ -13,6 +13,7 @@ from pepper_driver.config.kernels import make_records
 from pepper_driver.observer.models.stick_slip import (
     MAX_TRANSPORT,
     MIN_TRANSPORT,
+    NO_LIMIT,
     PARAMETERS,
     StickSlipModel,
     StickSlipParameters,
@@ -38,7 +39,8 @@ _STEP = 1e-3
 """Of finite differences, in units of the scales below."""
 
 _OPTIONAL = (("integral_rate",), ("dead_band",), ("integral_rate", "dead_band"))
-_REQUIRED = tuple(name for name in PARAMETERS if name not in ("integral_rate", "dead_band"))
+_FITTED = tuple(name for name in PARAMETERS if name != "target_speed")
+_REQUIRED = tuple(name for name in _FITTED if name not in ("integral_rate", "dead_band"))
 
 
 @dataclass(frozen=True)
@@ -130,7 +132,9 @@ def _side_of_bound(name: str, value: float) -> Literal["lower", "upper"] | None:
 class _Runs:
     """Recordings of one joint as columns, the shorter ones extended by their last sample."""
 
-    def __init__(self, joint: str, recordings: Sequence[Recording], cycle: float) -> None:
+    def __init__(
+        self, joint: str, recordings: Sequence[Recording], cycle: float, target_speed: float
+    ) -> None:
         length = max(len(recording) for recording in recordings)
         columns = [(r, r.joint_names.index(joint)) for r in recordings]
 
@@ -144,6 +148,7 @@ class _Runs:
             )
 
         self.cycle = cycle
+        self._target_speed = target_speed
         self.target = columns_of("sent_position")
         self.load_torque = columns_of("load_torque")
         self.position = columns_of("position")
@@ -166,7 +171,9 @@ class _Runs:
     def simulate(self, parameters: Mapping[str, FloatArray]) -> FloatArray:
         """Simulate p sets of parameters (p,) on all r runs; return (p, n, r) positions [rad]."""
         sets = len(parameters["lag"])
-        constants = make_records(StickSlipParameters, sets, **parameters)
+        constants = make_records(
+            StickSlipParameters, sets, **parameters, target_speed=self._target_speed
+        )
         model, positions = (
             StickSlipModel(constants, self.cycle),
             np.empty((sets, *self.target.shape)),
@@ -184,6 +191,7 @@ def fit_stick_slip(
     cycle: float,
     *,
     torque_constant: float | None = None,
+    target_speed: float = NO_LIMIT,
 ) -> StickSlipParameters:
     """Fit a stick-slip model by least squares of its position against the encoder, over whole runs.
 
@@ -196,8 +204,9 @@ def fit_stick_slip(
         cycle: Period of the ticks [s].
         torque_constant: Kt N, of motor and gear [N m/A]. With it, current over error at rest determines the stiffness
             of a joint with hardly any load.
+        target_speed: Largest speed of the board's target [rad/s], which is measured and not fitted.
     """
-    fit = _Fit(_Runs(joint, recordings, cycle), torque_constant)
+    fit = _Fit(_Runs(joint, recordings, cycle, target_speed), torque_constant)
     starts = fit.starts()
     best, cost = min((fit.solve(_REQUIRED, start) for start in starts), key=lambda end: end[1])
     for optional in _OPTIONAL:
@@ -207,7 +216,8 @@ def fit_stick_slip(
         if inside and candidate_cost < (1.0 - MIN_IMPROVEMENT) * cost:
             best, cost = candidate, candidate_cost
             break
-    return StickSlipParameters(**{name: best.get(name, 0.0) for name in PARAMETERS})
+    constants = {name: best.get(name, 0.0) for name in _FITTED}
+    return StickSlipParameters(**constants, target_speed=target_speed)
 
 
 class _Fit:

@@ -8,6 +8,7 @@ load, but never by a measurement. All its torques are divided by the stiffness K
 
 with x the position sent and friction of size F + load_friction |g tau_ld + offset|, ``breakaway`` times that at rest.
 The step is implicit in velocity and friction (time stepping of Moreau): it sticks exactly, and is stable for any step.
+Boards that limit the speed of their targets follow the command with that speed: x is then the limited target.
 """
 
 from __future__ import annotations
@@ -30,6 +31,10 @@ MIN_TRANSPORT, MAX_TRANSPORT = -3.0, 2.0
 is T longer: its part of the command extrapolates it. 18 ms are one tick and a half."""
 
 
+NO_LIMIT = 1e3
+"""[rad/s] Target speed of a board that follows every command at once."""
+
+
 class StickSlipError(PepperError, ValueError):
     """Invalid parameters of a stick-slip model."""
 
@@ -50,6 +55,7 @@ class StickSlipParameters:
         integral_rate: ki / kp of the motor board [1/s].
         transport: Ticks by which the response is later than the backend reports, earlier if negative; MIN_TRANSPORT to
             MAX_TRANSPORT.
+        target_speed: Largest speed at which the board lets its target run [rad/s]; NO_LIMIT without such a limit.
     """
 
     # For reading from files: strict types, no unknown key.
@@ -65,6 +71,7 @@ class StickSlipParameters:
     dead_band: float
     integral_rate: float
     transport: float
+    target_speed: float = NO_LIMIT
 
     def __post_init__(self) -> None:
         if not np.isfinite(astuple(self)).all():
@@ -74,6 +81,8 @@ class StickSlipParameters:
                 raise StickSlipError(f"'{name}' is negative")
         if self.load_gain <= 0.0 or self.breakaway < 1.0:
             raise StickSlipError("load_gain above 0, breakaway of 1 or more")
+        if self.target_speed <= 0.0:
+            raise StickSlipError("target_speed above 0")
         if not MIN_TRANSPORT <= self.transport <= MAX_TRANSPORT:
             raise StickSlipError(f"transport of {MIN_TRANSPORT:g} to {MAX_TRANSPORT:g}")
 
@@ -95,8 +104,8 @@ class StickSlipState:
         integral: I of the motor board [rad].
         friction: Friction on the joint, positive against positive motion [rad].
         sticks: True while friction holds it.
-        sent: Position sent in the last tick [rad].
-        sent_before: Position sent in the tick before that [rad].
+        target: Target of the board in the last tick: the position sent, behind it where its speed is limited [rad].
+        target_before: The same in the tick before that [rad].
     """
 
     position: float
@@ -104,8 +113,8 @@ class StickSlipState:
     integral: float
     friction: float
     sticks: bool
-    sent: float
-    sent_before: float
+    target: float
+    target_before: float
 
 
 @kernel
@@ -126,12 +135,14 @@ def step_stick_slip(
 ) -> None:
     """Step the state ``j`` by one tick with the constants ``i``: position sent [rad], desired load torque [N m]."""
     p, state = constants[i], states[j]
+    before, older = state.target, state.target_before
+    reach = p.target_speed * cycle
+    limited = before + min(max(sent - before, -reach), reach)
     # The target at the time of the response, between two ticks. A response that is earlier than reported belongs to a
     # target that was not sent yet, or to a board with a derivative: the target is extrapolated.
-    before, older = state.sent, state.sent_before
-    target = sent + min(p.transport, 1.0) * (before - sent)
+    target = limited + min(p.transport, 1.0) * (before - limited)
     target += max(p.transport - 1.0, 0.0) * (older - before)
-    state.sent, state.sent_before = sent, before
+    state.target, state.target_before = limited, before
 
     momentum = p.inertia / cycle
     gain = 1.0 / (momentum + p.lag + cycle)
@@ -307,8 +318,8 @@ def _start(
         count,
         position=position,
         sticks=True,
-        sent=target,
-        sent_before=target,
+        target=target,
+        target_before=target,
     )
 
 

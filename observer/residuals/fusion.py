@@ -25,6 +25,7 @@ from pepper_driver.observer.residuals.adaptation import (
     Adaptation,
     HandLoads,
 )
+from pepper_driver.observer.residuals.doubt import DoubtDetector
 from pepper_driver.observer.residuals.mobile_base import BaseGenerator
 from pepper_driver.observer.residuals.momentum import (
     DerivativeFilter,
@@ -254,6 +255,7 @@ def _fuse(
     weight_at_rest: FloatArray,
     weight_in_motion: FloatArray,
     target: FloatArray,
+    board_target: FloatArray,
     load_torque: FloatArray,
     velocity: FloatArray,
     acceleration: FloatArray,
@@ -277,7 +279,7 @@ def _fuse(
     count = 0
     for j in range(len(residual)):
         joint = joints[j]
-        error = target[j] - measured[j]
+        error, board_error = target[j] - measured[j], board_target[j] - measured[j]
         model_residual = position[j] - measured[j] - remainder[j]
         change[j], curvature = differentiate(filters, j, error, gain, cycle)
         load = joint.load_gain * load_torque[j] * joint.load_factor
@@ -285,14 +287,14 @@ def _fuse(
             channels,
             j,
             current[j] if good[j] else 0.0,
-            error + joint.board_integral,
+            board_error + joint.board_integral,
             velocity[j] - change[j],
             acceleration[j] - curvature,
             friction[j] + load + joint.extra_load,
             model_residual,
         )
         if good[j]:
-            update_integral(joints, j, error, motor, cycle)
+            update_integral(joints, j, board_error, motor, cycle)
         moves = abs(speed[j]) > MIN_MOVING_SPEED
         weight = weight_in_motion[j] if moves else weight_at_rest[j]
         residual[j] = weight * model_residual + (1.0 - weight) * momentum
@@ -393,6 +395,7 @@ class FusionGenerator:
         self._torque = TorqueEstimate(
             models, cycle, window=window, spread=spread, motor_torque=motor_torque
         )
+        self._doubt = DoubtDetector(models)
         self._median = RunningMedian(window, len(models))
         self._check_inputs, self._fuse = _check_inputs.load(), _fuse.load()
         self._judge = _judge.load()
@@ -407,6 +410,8 @@ class FusionGenerator:
             self._hands.reset()
         self._threshold.reset()
         self._torque.reset()
+        self._doubt.reset()
+        self._free = np.ones(n, dtype=np.bool_)
         self._derivatives.reset()
         self._median.reset()
         if self._base is not None:
@@ -471,6 +476,15 @@ class FusionGenerator:
         torque, torque_std = self._torque.step(
             filtered, prediction.friction, threshold, prediction.load_torque, current
         )
+        doubtful = self._doubt.step(
+            self._predictor.joints,
+            prediction.board_target - measured,
+            current,
+            good & ~self._threshold.moving,
+            self._free,
+        )
+        if np.count_nonzero(doubtful):
+            doubtful &= ~blind
         expected_error = prediction.target - prediction.position + prediction.remainder
         if np.count_nonzero(blind):
             for values in (expected_error, filtered, threshold, torque, torque_std):
@@ -487,6 +501,7 @@ class FusionGenerator:
             torque_std=torque_std,
             friction_band=self._predictor.friction_band(prediction, self._threshold.moving),
             blind=blind,
+            doubtful=doubtful,
             base_raw=base[0],
             base_residual=base[1],
             detail=_Detail(prediction, measured, limited),
@@ -538,6 +553,7 @@ class FusionGenerator:
             self._weight_at_rest,
             self._weight_in_motion,
             prediction.target,
+            prediction.board_target,
             prediction.load_torque,
             prediction.velocity,
             prediction.acceleration,
@@ -573,6 +589,7 @@ class FusionGenerator:
         detail, residual, blind = residuals.detail, residuals.residual, residuals.blind
         assert isinstance(detail, _Detail)
         prediction, n = detail.prediction, len(residual)
+        self._free = free
         self._settle(settled, blind, detail.measured)
         judged, quiet, resting = np.empty(n, np.bool_), np.empty(n, np.bool_), np.empty(n, np.bool_)
         self._judge(

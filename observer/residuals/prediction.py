@@ -43,6 +43,7 @@ class Prediction:
 
     Attributes:
         target: Position sent [rad].
+        board_target: The same, behind it where the board limits its speed [rad].
         load_torque: Desired, including the loads of the hands [N m].
         velocity: Desired [rad/s].
         acceleration: Desired [rad/s2].
@@ -53,6 +54,7 @@ class Prediction:
     """
 
     target: FloatArray
+    board_target: FloatArray
     load_torque: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
@@ -245,6 +247,7 @@ class ErrorPredictor:
         self._past.append(
             Prediction(
                 target=target,
+                board_target=self._models.states["target"].copy(),
                 load_torque=load_torque,
                 velocity=velocity,
                 acceleration=acceleration,

@@ -16,6 +16,7 @@ from pepper_driver.identification.dataset import (
     JointDataset,
     mirror_joint,
 )
+from pepper_driver.identification.measurements.program import target_speeds
 from pepper_driver.observer import (
     BaseModel,
     FitScore,
@@ -210,6 +211,7 @@ def _fit_fusion(
         {entry.joint: sources[entry.joint] for entry in entries if entry not in own},
         recordings.calibration or [entry.test for entry in entries],
         window=load_observer_settings().fusion_window,
+        target_speeds=target_speeds(recordings.measurement, robot),
         workers=workers,
     )
     fits = {}

@@ -99,6 +99,25 @@ def measure_robot(
     )
 
 
+def target_speeds(recordings: Mapping[str, Recording], robot: RobotConfig) -> dict[str, float]:
+    """Return by joint the speed [rad/s] that its board lets its target run, where SPEED shows that it limits it.
+
+    Args:
+        recordings: By name of the run; there may be none.
+        robot: Its description.
+    """
+    if SPEED not in recordings:
+        return {}
+    speeds = {
+        joint: measure_speed(recordings[SPEED], joint, robot) for joint in measured_joints(robot)
+    }
+    return {
+        joint: speed.reached
+        for joint, speed in speeds.items()
+        if speed is not None and speed.limited
+    }
+
+
 def _joint(
     recordings: Mapping[str, Recording],
     joint: str,

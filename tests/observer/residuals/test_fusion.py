@@ -628,24 +628,25 @@ PART = st.tuples(
     st.sampled_from([0.0, 0.0, CYCLE, 3 * CYCLE, 1.0, math.nan]),
     st.sampled_from([1.0, 1.0, 0.3, math.nan]),
     st.sampled_from([0.0, 0.5, -2.0]),
+    st.sampled_from([0.0, 5.0]),
 )
 
 
 @examples(25, phases=NO_SHRINKING)
 @given(st.lists(PART, max_size=12), st.booleans())
 def test_events_make_sense_for_any_ticks(
-    parts: list[tuple[int, float, float, tuple[int, ...], float, float, float]], adapt: bool
+    parts: list[tuple[int, float, float, tuple[int, ...], float, float, float, float]], adapt: bool
 ) -> None:
     target = fusion_observer(adapt=adapt)
     events: list[Contact] = []
     k = 0
-    rest = (QUIET, 0.0, 0.0, (), 0.0, 1.0, 0.0)
-    for ticks, outer, trunk, limited, age, stiffness, velocity in (*parts, rest):
+    rest = (QUIET, 0.0, 0.0, (), 0.0, 1.0, 0.0, 0.0)
+    for ticks, outer, trunk, limited, age, stiffness, velocity, current in (*parts, rest):
         error = np.zeros(JOINTS)
         error[ELBOW], error[0] = outer, trunk
         for _ in range(ticks):
             one = tick(k, error, limited=limited, age=age, features=(velocity, 0.0, 0.5))
-            one.measurement.current[:] = 0.0
+            one.measurement.current[:] = current
             one.sent.stiffness[ELBOW] = stiffness
             observation = target.step(one)
             k += 1

@@ -1,0 +1,131 @@
+"""Doubt about joints at rest whose motor boards do not work against their error: such an error is no touch.
+
+A motor board answers an error by a current, whatever causes the error: a hand, friction or a load. Recorded joints
+sometimes rest degrees away from their command with hardly any current. The board then follows another target than the
+command, and the error says nothing about touch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.kernels import Out, Records, kernel, make_records
+from pepper_driver.observer.models.fusion_model import FusionModel
+from pepper_driver.observer.models.stick_slip import beyond
+from pepper_driver.observer.residuals.prediction import PredictedJoint
+
+MIN_MISSING = np.radians(0.5)
+"""[rad] Error that the current does not answer, below which no joint is in doubt."""
+
+MISSING_RATIO = 0.5
+"""Fraction of an error that the current must leave unanswered. Of recorded rests without doubt it leaves at most 0.3."""
+
+FULL_CURRENT = 1.0
+"""[A] Enough to answer any error: boards limit their currents, and warm motors have less."""
+
+DOUBT_TICKS = 3
+"""For which a free joint must be so: single samples may be lost."""
+
+TOUCHED_DOUBT_TICKS = 25
+"""The same for a joint in contact: one that has just been released swings back with little current."""
+
+LINGER_TICKS = 25
+"""After the command moves on, in which doubt remains: the board's target returns."""
+
+
+class Doubt:
+    """Constants and state of one joint.
+
+    Attributes:
+        torque_per_ampere: Motor torque / K per current [rad/A]; 0 for a joint that is never in doubt.
+        dead_band: Error that the motor board ignores [rad].
+        ticks: For which the current has not answered the error.
+        linger: Ticks for which doubt remains; 0 without doubt.
+    """
+
+    torque_per_ampere: float
+    dead_band: float
+    ticks: int
+    linger: int
+
+
+@kernel
+def _doubt(
+    doubts: Out[Records[Doubt]],
+    joints: Records[PredictedJoint],
+    error: FloatArray,
+    current: FloatArray,
+    resting: BoolArray,
+    free: BoolArray,
+    doubtful: Out[BoolArray],
+) -> None:
+    for j in range(len(doubtful)):
+        state = doubts[j]
+        if state.torque_per_ampere > 0.0:
+            asked = abs(beyond(error[j], state.dead_band) + joints[j].board_integral)
+            asked = min(asked, FULL_CURRENT * state.torque_per_ampere)
+            missing = asked - state.torque_per_ampere * abs(current[j])
+            bound = max(MIN_MISSING, MISSING_RATIO * asked)
+            if resting[j] and missing > (0.5 * bound if state.linger > 0 else bound):
+                state.ticks += 1
+            else:
+                state.ticks = 0
+            if state.ticks >= (DOUBT_TICKS if free[j] else TOUCHED_DOUBT_TICKS) or (
+                state.linger > 0 and state.ticks > 0
+            ):
+                state.linger = LINGER_TICKS
+            elif state.linger > 0:
+                state.linger -= 1
+        doubtful[j] = state.linger > 0
+
+
+class DoubtDetector:
+    """Detector of joints in doubt.
+
+    A joint is in doubt while its command rests and its current is too small for its error, for DOUBT_TICKS or, in a
+    contact, TOUCHED_DOUBT_TICKS. Where the current does not show the torque of the motor, no joint is.
+
+    Args:
+        models: By joint, None for those without.
+    """
+
+    def __init__(self, models: Sequence[FusionModel | None]) -> None:
+        self._doubts = make_records(
+            Doubt,
+            len(models),
+            torque_per_ampere=[
+                0.0 if m is None or m.momentum.source != "current" else m.momentum.torque_per_ampere
+                for m in models
+            ],
+            dead_band=[0.0 if m is None else m.twin.dead_band for m in models],
+        )
+        self._doubt = _doubt.load()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the session."""
+        self._doubts["ticks"], self._doubts["linger"] = 0, 0
+
+    def step(
+        self,
+        joints: Records[PredictedJoint],
+        error: FloatArray,
+        current: FloatArray,
+        resting: BoolArray,
+        free: BoolArray,
+    ) -> BoolArray:
+        """Take in one tick; return the (n,) joints in doubt.
+
+        Args:
+            joints: Their estimated integrals of the board.
+            error: (n,) tracking error from the target of the board, finite [rad].
+            current: (n,) measured, finite [A].
+            resting: (n,) joints whose command rests.
+            free: (n,) joints without contact.
+        """
+        doubtful = np.empty(len(error), np.bool_)
+        self._doubt(self._doubts, joints, error, current, resting, free, doubtful)
+        return doubtful
