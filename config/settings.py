@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field
@@ -74,6 +76,8 @@ class ControllerSettings:
     min_return_time: Positive
     velocity: Literal["safe", "robot"]
     velocity_limit: dict[str, Positive]
+    measured_velocity_ratio: Annotated[float, Field(gt=0, le=1)]
+    measured_velocity_limit: Positive
     acceleration_limit: dict[str, Positive]
     jerk_limit: dict[str, Positive] | None
     position_limit: Literal["braking", "damper"]
@@ -89,6 +93,14 @@ class ControllerSettings:
         if self.velocity == "robot":
             return np.array([joint.velocity for joint in robot.joints])
         return _of_joints("velocity_limit", self.velocity_limit, robot)
+
+    def with_measured_speeds(self, speeds: Mapping[str, float]) -> Self:
+        """Return the settings for a robot whose joints were measured to reach these speeds, by joint [rad/s]."""
+        limits = {
+            name: min(self.measured_velocity_ratio * speed, self.measured_velocity_limit)
+            for name, speed in speeds.items()
+        }
+        return replace(self, velocity_limit=self.velocity_limit | limits)
 
     def joint_acceleration(self, robot: RobotConfig) -> FloatArray:
         """(17,) limits [rad/s2].

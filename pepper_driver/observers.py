@@ -24,6 +24,7 @@ from pepper_driver.observer import (
     Observer,
     load_shipped,
 )
+from pepper_driver.observer.models.measured_robot import MeasuredRobot
 from pepper_driver.safety.plugins import dry_run_observer
 
 logger = logging.getLogger("pepper_driver")
@@ -177,19 +178,29 @@ def source_of(models: ModelSet, identities: Sequence[RobotIdentity]) -> RobotIde
     return next(robot for robot in identities if robot.identity == models.identity)
 
 
-def uri_with_measured_delay(uri: str, models: Path | ModelSet | None) -> str:
-    """Return the URI of a robot with the response delay that was measured when its models were identified.
-
-    A delay in the URI itself comes first, and a robot that knows its own needs none.
+def measured_robot(models: Path | ModelSet | None) -> MeasuredRobot | None:
+    """Return the facts about the robot that are kept with its models.
 
     Args:
-        uri: Of the backend.
         models: Those of the robot, or their file; None for none.
 
     Raises:
         ModelFileError: The file is wrong.
     """
-    if models is None or not takes_delay(uri) or "delay" in parse_uri(uri).query:
+    if models is None:
+        return None
+    return (models if isinstance(models, ModelSet) else ModelSet.load(models)).measured
+
+
+def uri_with_measured_delay(uri: str, measured: MeasuredRobot | None) -> str:
+    """Return the URI of a robot with the response delay that was measured.
+
+    A delay in the URI itself comes first, and a robot that knows its own needs none.
+
+    Args:
+        uri: Of the backend.
+        measured: Facts about the robot; None where it was not measured.
+    """
+    if measured is None or not takes_delay(uri) or "delay" in parse_uri(uri).query:
         return uri
-    found = models if isinstance(models, ModelSet) else ModelSet.load(models)
-    return uri if found.measured is None else with_delay(uri, found.measured.response_delay)
+    return with_delay(uri, measured.response_delay)

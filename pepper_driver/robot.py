@@ -54,7 +54,12 @@ from pepper_driver.experiments.reports import ExperimentReport
 from pepper_driver.log import LogError, LogWriter, run_metadata
 from pepper_driver.loop import Labelling, Loop
 from pepper_driver.observer import Contact, Observation, Observer
-from pepper_driver.observers import check_observer, make_observer, uri_with_measured_delay
+from pepper_driver.observers import (
+    check_observer,
+    make_observer,
+    measured_robot,
+    uri_with_measured_delay,
+)
 from pepper_driver.realtime import Pacer, RealTimePacer, Statistics
 from pepper_driver.reflexes import Arbiter, Reflex, prepare_reflexes
 from pepper_driver.reflexes.declared import declare
@@ -103,7 +108,8 @@ class Pepper(CallbackRegistry):
         uri: Which robot: ``mujoco``, ``mujoco://?plant=nominal&seed=3``, ``naoqi://pepper.local``, ...
         observer: Name of an observer, an observer, or None to detect nothing.
         models: Model file of the observer, by default the one shipped for this robot, or for a plant that it extends.
-            A robot over NAOqi is also told the response delay that was measured for it, unless the URI has one.
+            A robot over NAOqi is also told the response delay that was measured for it, unless the URI has one, and
+            speeds that were measured replace the controller's default limits.
         log: Where to write the MCAP log; None for no log.
         reflexes: Reactions inside the tick, asked in the order of their priority.
         real_time: Pace a simulation to the wall clock.
@@ -148,9 +154,8 @@ class Pepper(CallbackRegistry):
         dry_run_reflexes(self.reflexes, config)
         super().__init__(config, self.reflexes)
         self._models = None if models is None else as_path("models", models)
-        self.backend: Backend = make_backend(
-            uri_with_measured_delay(uri, self._models), self.config
-        )
+        measured = measured_robot(self._models)
+        self.backend: Backend = make_backend(uri_with_measured_delay(uri, measured), self.config)
         self.services = UserServices(self.backend, self._is_active)
         self.paced = real_time or self.backend.real_time
         if loop not in (None, "thread", "caller") or (loop == "thread" and not self.paced):
@@ -174,6 +179,10 @@ class Pepper(CallbackRegistry):
             raise LogError(f"{self._log_path}: cannot be written (it is a folder)")
         self._about = _texts(about or {})
         self._controller_settings = controller or load_controller_settings(self.config)
+        if controller is None and measured is not None:
+            self._controller_settings = self._controller_settings.with_measured_speeds(
+                measured.speeds
+            )
         make_solver(self._controller_settings.solver)  # now, and not once the robot is connected
         self._safety_settings = safety or load_safety_settings()
         self._changes = Changes()

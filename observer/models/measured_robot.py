@@ -64,6 +64,11 @@ class MeasuredRobot:
     joints: Mapping[str, MeasuredJoint]
 
     @property
+    def speeds(self) -> dict[str, float]:
+        """Speed that joints reach, by those whose speed was measured [rad/s]."""
+        return {name: one.speed for name, one in self.joints.items() if one.speed is not None}
+
+    @property
     def response_delay(self) -> int:
         """Ticks from a command to the sample that answers it, as measured."""
         return max(0, self.reported_delay + self.delay_error)

@@ -33,7 +33,7 @@ from pepper_driver.observer import (
     Recording,
     RecordingBuilder,
 )
-from pepper_driver.observers import uri_with_measured_delay
+from pepper_driver.observers import measured_robot, uri_with_measured_delay
 from pepper_driver.robot import Pepper
 
 SEED = 1
@@ -162,7 +162,8 @@ class MotionTest:
 def make_pepper(uri: str, models: ModelSet, robot: RobotConfig) -> Pepper:
     """Return the robot for a motion test, with the observer that everybody uses."""
     observer = ContactObserver(robot, models, load_observer_settings())
-    return Pepper(uri_with_measured_delay(uri, models), observer=observer, robot=robot)
+    measured = measured_robot(models)
+    return Pepper(uri_with_measured_delay(uri, measured), observer=observer, robot=robot)
 
 
 def try_motion(

@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from pepper_driver.config import PepperError
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.models.stick_slip import (
+    NO_LIMIT,
     PARAMETERS,
     StickSlipError,
     StickSlipModel,
@@ -366,3 +367,20 @@ def test_parameters_that_make_no_joint_are_refused(changes: dict[str, float], me
 
 def test_stiffness_is_the_torque_per_angle() -> None:
     assert STICK_SLIP.stiffness == pytest.approx(100.0)
+
+
+def test_a_limited_target_is_a_slower_command() -> None:
+    limited = replace(STICK_SLIP, target_speed=1.0, transport=0.6)
+    command = np.concatenate((ramp(3.0, 0.6), np.full(200, ramp(3.0, 0.6)[-1]), ramp(-0.5, 2.0)))
+    slower = [0.0]
+    for goal in command[1:]:
+        slower.append(slower[-1] + float(np.clip(goal - slower[-1], -CYCLE, CYCLE)))
+    expected = play(replace(limited, target_speed=NO_LIMIT), np.array(slower))
+    np.testing.assert_allclose(play(limited, command), expected, atol=1e-12)
+    assert np.abs(expected - play(replace(limited, target_speed=NO_LIMIT), command)).max() > 0.5
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0])
+def test_a_target_that_cannot_move_is_refused(speed: float) -> None:
+    with pytest.raises(StickSlipError, match="target_speed"):
+        replace(STICK_SLIP, target_speed=speed)

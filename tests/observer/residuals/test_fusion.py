@@ -179,6 +179,32 @@ def test_a_current_that_does_not_carry_the_load_is_no_hand() -> None:
     assert np.abs(of_elbow(observations, "torque")[WINDOW:]).max() < 0.5
 
 
+def chase(speed: float) -> tuple[Motion, Motion]:
+    """A command faster than the board lets its target run [rad/s], and the target."""
+    fast = swing(3.0, size=1.0, rate=3.0, rest=1.5)
+    target = [0.0]
+    for goal in fast.position[1:]:
+        step = float(np.clip(goal - target[-1], -speed * CYCLE, speed * CYCLE))
+        target.append(target[-1] + step)
+    return fast, replace(fast, position=np.array(target))
+
+
+@pytest.mark.parametrize("weight", [(1.0, 1.0), (0.5, 0.5)])
+def test_a_target_whose_speed_is_limited_is_expected_to_fall_behind(
+    weight: tuple[float, float],
+) -> None:
+    command, target = chase(0.8)
+    assert np.abs(command.velocity).max() > 1.2
+    made = ticks_of(target, drive(target))
+    for one, position in zip(made, command.position, strict=True):
+        one.sent.position[ELBOW] = one.reference.position[ELBOW] = position
+    known = fusion_model(replace(STICK_SLIP, target_speed=0.8), weight=weight)
+    observations, events = run(fusion_observer(known), made)
+    assert events == []
+    assert np.abs(of_elbow(observations, "expected")).max() > 0.1
+    assert run(fusion_observer(fusion_model(weight=weight)), made)[1]
+
+
 def test_without_a_push_there_is_little_torque() -> None:
     motion = swing(6.0)
     observations, _ = run(fusion_observer(), ticks_of(motion, drive(motion)))
