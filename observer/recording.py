@@ -107,15 +107,6 @@ __all__ = ["STALE_AGE", "Recording", "RecordingBuilder", "RecordingError"]
 STALE_AGE = 0.03
 """[s] An encoder sample older than this is no reply to the command it is paired with."""
 
-WORKING_ERROR = 0.2
-"""[rad] No lag at the speeds of an identification is as large: recorded joints fall behind at 0.3 rad and more."""
-
-FALLING_TIME = 0.3
-"""[s] in which a joint falls behind: its target was limited before."""
-
-SETTLING_TIME = 0.6
-"""[s] in which it settles once it has caught up."""
-
 _FIELDS = {field.column: field for field in RECORDED_FIELDS}
 
 # Values of a rebuilt tick that a recording does not have.
@@ -244,27 +235,6 @@ class Recording:
     def usable(self, joint_index: int) -> BoolArray:
         """(n,) True where the tracking error belongs to the reference: command not altered, sample not stale."""
         return ~self.limited[:, joint_index] & (self.age <= STALE_AGE)
-
-    def in_working_range(self, joint_index: int) -> BoolArray:
-        """(n,) False where the joint has fallen behind, from shortly before until it has settled again.
-
-        Beyond WORKING_ERROR a limiter of its target, or a motor at its limit, determines the error, and no model of
-        free motion does.
-        """
-        beyond = np.abs(self.tracking_error(joint_index)) > WORKING_ERROR
-        beyond &= self.usable(joint_index)  # the others are no evidence
-        within = np.ones(len(self), dtype=np.bool_)
-        if not beyond.any():
-            return within
-        before, after = (round(time / self.cycle) for time in (FALLING_TIME, SETTLING_TIME))
-        edges = np.flatnonzero(np.diff(np.concatenate(([False], beyond, [False])).astype(np.int8)))
-        for begin, end in zip(edges[::2], edges[1::2], strict=True):
-            within[max(0, begin - before) : end + after] = False
-        return within
-
-    def fit_samples(self, joint_index: int) -> BoolArray:
-        """(n,) True for the samples that models of free motion are fitted to, and judged by."""
-        return self.usable(joint_index) & self.in_working_range(joint_index)
 
     def ticks(self) -> Iterator[Tick]:
         """Yield the ticks again, to run an observer on them. Their arrays are read-only rows of the recording.

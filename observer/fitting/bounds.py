@@ -9,6 +9,7 @@ import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.detection.threshold import SPEED_MEMORY
+from pepper_driver.observer.fitting.samples import fit_samples, in_working_range
 from pepper_driver.observer.fitting.stick_slip import START_UP_TIME
 from pepper_driver.observer.fitting.tree import fit_cart
 from pepper_driver.observer.models.fusion_model import FusionModel
@@ -31,7 +32,7 @@ def free_residual(joint: str, recording: Recording, model: JointModel, window: i
     """
     index = recording.joint_names.index(joint)
     residual = recording.tracking_error(index) - predict_recording(model, joint, recording)
-    residual = np.where(recording.fit_samples(index), residual, np.nan)
+    residual = np.where(fit_samples(recording, index), residual, np.nan)
     if len(residual) < window:
         return np.empty(0)
     windows = np.lib.stride_tricks.sliding_window_view(residual, window)
@@ -109,7 +110,7 @@ def fit_bounds(
         # In use, thresholds are higher until then: the start must not determine the bound.
         residual[: min(round(LEARNING_TIME / cycle), len(residual) // 2)] = np.nan
         for joint in range(len(names)):
-            residual[~recording.in_working_range(joint), joint] = np.nan
+            residual[~in_working_range(recording, joint), joint] = np.nan
         residuals.append(residual)
         phases.append(motion_phase(recording, cycle))
     momentum_maxima = _momentum_maxima(ordered, calibration, cycle)
@@ -172,6 +173,6 @@ def _momentum_maxima(
         generator = MomentumGenerator(models, cycle, unbounded, MOMENTUM_WINDOW)
         rows = np.abs([generator.step(tick).residual for tick in recording.ticks()])
         for joint in range(len(models)):
-            rows[~recording.in_working_range(joint), joint] = 0.0
+            rows[~in_working_range(recording, joint), joint] = 0.0
         largest = np.fmax(largest, np.fmax.reduce(rows[round(START_UP_TIME / cycle) :]))
     return largest

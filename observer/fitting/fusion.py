@@ -13,6 +13,7 @@ from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.observer.fitting.bounds import fit_bounds
 from pepper_driver.observer.fitting.mobile_base import fit_base
+from pepper_driver.observer.fitting.samples import fit_samples
 from pepper_driver.observer.fitting.stick_slip import START_UP_TIME, fit_stick_slip
 from pepper_driver.observer.fitting.tree import AffineGrowth
 from pepper_driver.observer.models.fusion_model import BaseModel, FusionModel, MomentumParameters
@@ -60,7 +61,7 @@ def _simulate(
     model = StickSlipModel.from_parameters([parameters], cycle)
     states = model.play(0, float(position[0]), sent, load_torque)
     change, curvature = ErrorDerivatives(1, cycle).play(error)
-    counts = recording.fit_samples(index).copy()
+    counts = fit_samples(recording, index)
     # Until then the model may hold its friction in another direction than the joint does.
     counts[: round(START_UP_TIME / cycle)] = False
     features = recording.features(index)

@@ -10,6 +10,7 @@ import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.kernels import make_records
+from pepper_driver.observer.fitting.samples import fit_samples
 from pepper_driver.observer.models.stick_slip import (
     MAX_TRANSPORT,
     MIN_TRANSPORT,
@@ -155,7 +156,7 @@ class _Runs:
         # Padded samples do not count, but the simulation must run over them.
         self.counts = np.zeros(self.position.shape, dtype=np.bool_)
         for run, (recording, index) in enumerate(columns):
-            self.counts[: len(recording), run] = recording.fit_samples(index)
+            self.counts[: len(recording), run] = fit_samples(recording, index)
         self.counts[: round(START_UP_TIME / cycle)] = False
         self.current = columns_of("current")
         self.slow = self.counts & (np.abs(columns_of("velocity")) < FIT_REST_SPEED)

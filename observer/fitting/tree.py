@@ -11,6 +11,7 @@ import numpy as np
 
 from pepper_driver.config import PepperError, UnknownNameError
 from pepper_driver.config.arrays import FloatArray, IntArray
+from pepper_driver.observer.fitting.samples import fit_samples
 from pepper_driver.observer.models.tree import (
     LEAF,
     AffineTree,
@@ -374,7 +375,7 @@ def _usable_samples(joint: str, recording: Recording) -> tuple[FloatArray, Float
     if joint not in recording.joint_names:
         raise UnknownNameError("joint", joint, recording.joint_names)
     index = recording.joint_names.index(joint)
-    usable = recording.fit_samples(index)
+    usable = fit_samples(recording, index)
     return recording.features(index)[usable], recording.tracking_error(index)[usable]
 
 

@@ -21,7 +21,7 @@ MIN_MISSING = np.radians(0.5)
 """[rad] Error that the current does not answer, below which no joint is in doubt."""
 
 MISSING_RATIO = 0.5
-"""Fraction of an error that the current must leave unanswered. Of recorded rests without doubt it leaves at most 0.3."""
+"""Fraction of an error that the current must leave unanswered. Where nothing is wrong, it leaves 0.3 at most."""
 
 FULL_CURRENT = 1.0
 """[A] Enough to answer any error: boards limit their currents, and warm motors have less."""

@@ -33,6 +33,7 @@ from pepper_driver.observer import (
     nrmse_fit,
     predict_recording,
 )
+from pepper_driver.observer.fitting.samples import in_working_range
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -319,7 +320,7 @@ def mean_fit(entry: JointDataset, runs: Sequence[Recording], predict: Predictor)
 
 def _score(run: Recording, index: int, predict: Predictor) -> float:
     """Return the NRMSE fit of a run [%], of the samples in which the joint keeps up."""
-    within = run.in_working_range(index)
+    within = in_working_range(run, index)
     if not within.any():
         raise FittingError("it falls behind in all of a run: use a slower motion")
     return nrmse_fit(run.tracking_error(index)[within], predict(run)[within])

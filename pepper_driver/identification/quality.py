@@ -14,8 +14,9 @@ from pepper_driver.identification.dataset import IdentificationDataset, JointDat
 from pepper_driver.identification.runs import run_name
 from pepper_driver.observer import FusionModel, JointModel, Recording
 from pepper_driver.observer.fitting.bounds import free_residual
+from pepper_driver.observer.fitting.samples import WORKING_ERROR, clipped_current
 from pepper_driver.observer.fitting.stick_slip import bounded_constants
-from pepper_driver.observer.recording import STALE_AGE, WORKING_ERROR
+from pepper_driver.observer.recording import STALE_AGE
 
 Kind = Literal[
     "excitation", "contact", "current", "gaps", "stale", "limited", "bound", "behind", "blind"
@@ -47,24 +48,6 @@ LEAST_SPREAD = 0.2
 
 LEAST_BURST = np.radians(0.5)
 """[rad] Residual beyond that of other runs that raises no warning."""
-
-FLAT_TIME = 0.36
-"""[s] A current at its maximum for so long is held there."""
-
-MIN_MOVING_SPEED = 0.1
-"""[rad/s] Slower, the weight of an arm may well take the most current of a run, for long."""
-
-FLAT_TOP = (0.02, 0.02)
-"""Fraction of the maximum, and [A]: both still count as at the maximum."""
-
-LEAST_DRIFT = np.radians(0.3)
-"""[rad] by which the tracking error grows, beyond what the speed explains, while a current is clipped."""
-
-FLAT_WINDOW = 5
-"""Samples of the running median that takes the noise off a current first."""
-
-MIN_LEVELS = 30
-"""Different values a current must show before its shape says anything: small motors show a few steps of the sensor."""
 
 SLOWER = 0.8
 """Fraction of the fastest command below which the fastest motion of such a joint is limited."""
@@ -128,7 +111,7 @@ def inspect_recordings(
             found.extend(_excitation(entry))
         for name, run in zip(entry.names, entry.runs, strict=True):
             found.extend(_holes(name, run, entry.joint))
-            found.extend(_flat_current(name, run, entry.joint))
+            found.extend(_clipped(name, run, entry.joint))
             found.extend(_behind(name, run, entry.joint))
         if entry.estimation and entry.joint in models:
             found.extend(_constants(entry.joint, models[entry.joint]))
@@ -193,31 +176,12 @@ def _holes(name: str, run: Recording, joint: str | None) -> list[Finding]:
     return found
 
 
-def _flat_current(name: str, run: Recording, joint: str) -> list[Finding]:
+def _clipped(name: str, run: Recording, joint: str) -> list[Finding]:
     """Return a current that stays at its maximum while the joint shall move: the board gives no more."""
-    index = run.joint_names.index(joint)
-    if len(np.unique(run.current[:, index])) < MIN_LEVELS or len(run) < FLAT_WINDOW:
+    clipped = clipped_current(run, run.joint_names.index(joint))
+    if clipped is None:
         return []
-    current, error = _smooth(run.current[:, index]), _smooth(run.tracking_error(index))
-    half = FLAT_WINDOW // 2
-    velocity = run.velocity[half : half + len(current), index]
-    moving = np.abs(velocity) > MIN_MOVING_SPEED
-    top = float(current.max())
-    high = current >= top - max(FLAT_TOP[0] * top, FLAT_TOP[1])
-    begin, end = _longest(moving & high)
-    seconds = (end - begin) * float(np.median(np.diff(run.time)))
-    if seconds < FLAT_TIME:
-        return []
-    # Load and friction may well keep a current constant. But a board below its limit relates error, current and speed,
-    # whatever the friction: then the error follows the speed, and an integral part makes it smaller. At its limit it
-    # grows beyond that.
-    law = np.stack((current, velocity * np.sign(error), np.ones(len(current))), axis=1)
-    below = moving & ~high
-    coefficients = np.linalg.lstsq(law[below], np.abs(error[below]), rcond=None)[0]
-    beyond = (np.abs(error) - law @ coefficients)[begin:end]
-    if np.max(beyond - np.minimum.accumulate(beyond)) < LEAST_DRIFT:
-        return []
-    text = f"its current stays at {top:.2f} A for {seconds:.1f} s: clipped, the joint cannot follow"
+    text = f"its current stays at {clipped.limit:.2f} A for {clipped.seconds:.1f} s: clipped, the joint cannot follow"
     return [Finding(kind="current", joint=joint, run=name, text=text)]
 
 
@@ -241,13 +205,6 @@ def _behind(name: str, run: Recording, joint: str) -> list[Finding]:
     return [Finding(kind="behind", joint=joint, run=name, text=text)]
 
 
-def _smooth(values: FloatArray) -> FloatArray:
-    """Return the running median of FLAT_WINDOW samples, without those at both ends."""
-    windows = np.lib.stride_tricks.sliding_window_view(values, FLAT_WINDOW)
-    smoothed: FloatArray = np.median(windows, axis=1)
-    return smoothed
-
-
 def _constants(joint: str, model: JointModel) -> list[Finding]:
     """Find constants of a stick-slip model that would have gone further than the fit lets them."""
     if not isinstance(model, FusionModel):
@@ -259,15 +216,6 @@ def _constants(joint: str, model: JointModel) -> list[Finding]:
         text = f"constant '{at.name}' of its model is at its bound of {at.bound:g}: {cause}"
         found.append(Finding(kind="bound", joint=joint, run=None, text=text))
     return found
-
-
-def _longest(flags: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> tuple[int, int]:
-    """Begin and end of the longest run of True; equal without any."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
-    if not len(edges):
-        return 0, 0
-    longest = int(np.argmax(edges[1::2] - edges[::2]))
-    return int(edges[2 * longest]), int(edges[2 * longest + 1])
 
 
 def _bursts(

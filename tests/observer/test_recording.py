@@ -9,14 +9,11 @@ import pytest
 from pepper_driver.config import PepperError
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.recording import (
-    FALLING_TIME,
-    SETTLING_TIME,
-    WORKING_ERROR,
     Recording,
     RecordingBuilder,
     RecordingError,
 )
-from support.observer import CYCLE, JOINTS, ROBOT, free_run, random_ticks, recording, tick
+from support.observer import CYCLE, JOINTS, ROBOT, free_run, random_ticks, tick
 
 
 def built(n: int, capacity: int = 8192) -> Recording:
@@ -84,20 +81,6 @@ def test_usable_leaves_out_altered_and_stale_samples() -> None:
     for joint in (0, 5):
         rows = np.arange(60)
         np.testing.assert_array_equal(run.usable(joint), (rows % JOINTS != joint) & (rows <= 30))
-
-
-def test_a_joint_that_falls_behind_is_left_out_until_it_has_settled() -> None:
-    error = np.full(400, 0.05)
-    error[200:230] = WORKING_ERROR + 0.1
-    run = recording(np.zeros((400, 3)), error)
-    within = run.in_working_range(3)
-    before, after = round(FALLING_TIME / CYCLE), round(SETTLING_TIME / CYCLE)
-    expected = np.ones(400, dtype=bool)
-    expected[200 - before : 230 + after] = False
-    np.testing.assert_array_equal(within, expected)
-    np.testing.assert_array_equal(run.fit_samples(3), expected)
-    assert run.usable(3).all()
-    assert replace(run, position=run.sent_position).in_working_range(3).all()
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import pytest
 from pepper_driver.config import PepperError, UnknownNameError
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.fitting.bounds import free_threshold
+from pepper_driver.observer.fitting.samples import in_working_range
 from pepper_driver.observer.fitting.tree import (
     LEAVES,
     SHRINKAGES,
@@ -110,7 +111,7 @@ def test_a_joint_that_falls_behind_changes_neither_model_nor_threshold() -> None
         behind = error.copy()
         behind[400:450] = 0.6
         chase = recording(features, behind)
-        keep = chase.in_working_range(INDEX)
+        keep = in_working_range(chase, INDEX)
         clean.append(recording(features[keep], error[keep]))
         chasing.append(chase)
     model = fit_joint(JOINT, chasing, "affine")

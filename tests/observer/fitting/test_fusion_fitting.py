@@ -144,7 +144,14 @@ def test_all_of_it_together_detects_a_push_and_nothing_else() -> None:
     free = runs(seed=1)
     sweeps = {JOINT: runs(), OTHER: [run.mirrored(ROBOT) for run in runs()]}
     fitted, base = fit_fusion(
-        ROBOT, sweeps, {OTHER: JOINT}, {"HeadYaw": JOINT}, free, window=WINDOW, target_speeds={}, workers=1
+        ROBOT,
+        sweeps,
+        {OTHER: JOINT},
+        {"HeadYaw": JOINT},
+        free,
+        window=WINDOW,
+        target_speeds={},
+        workers=1,
     )
     assert fitted.keys() == {JOINT, OTHER, "HeadYaw"}
     assert base is None

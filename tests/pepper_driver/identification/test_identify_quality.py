@@ -19,8 +19,8 @@ from pepper_driver.identification import (
 from pepper_driver.identification.dataset import JointDataset
 from pepper_driver.identification.fit import part
 from pepper_driver.observer import Recording
+from pepper_driver.observer.fitting.samples import WORKING_ERROR
 from pepper_driver.observer.models.stick_slip import MIN_TRANSPORT, StickSlipParameters
-from pepper_driver.observer.recording import WORKING_ERROR
 from support.fusion import STICK_SLIP, Motion, drive, fusion_model, recording_of, swing
 from support.identification import ROBOT, SHORT, short_body
 from support.observer import CYCLE
