@@ -234,16 +234,12 @@ class ContactObserver(Observer):
         self, residuals: Residuals
     ) -> tuple[Sequence[Contact], NDArray[np.int8], BoolArray, BoolArray]:
         """Return the events of this tick; (n,) states; joints without touch; joints that were just released."""
-        no_model = self._generator.no_model
-        # NaN compares as False: a blind joint counts as not within its threshold.
-        within = np.count_nonzero(np.abs(residuals.residual) <= residuals.threshold)
-        doubtful = residuals.doubtful
+        no_model, doubtful = self._generator.no_model, residuals.doubtful
         if doubtful is not None and np.count_nonzero(doubtful):
             # To the tracker they are blind.
-            within = 0
             residuals = replace(residuals, residual=np.where(doubtful, np.nan, residuals.residual))
-        else:
-            doubtful = None
+        # NaN compares as False: a blind joint counts as not within its threshold.
+        within = np.count_nonzero(np.abs(residuals.residual) <= residuals.threshold)
         quiet = within == self._known_count and not abs(residuals.base_residual) > 1.0
         # Most ticks end here, which saves the state machines of all joints.
         if quiet and self._tracker.idle:
