@@ -9,7 +9,12 @@ import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.detection.threshold import SPEED_MEMORY
-from pepper_driver.observer.fitting.samples import fit_samples, in_working_range
+from pepper_driver.observer.fitting.samples import (
+    FALLING_TIME,
+    extended,
+    fit_samples,
+    in_working_range,
+)
 from pepper_driver.observer.fitting.stick_slip import START_UP_TIME
 from pepper_driver.observer.fitting.tree import fit_cart
 from pepper_driver.observer.models.fusion_model import FusionModel
@@ -26,18 +31,18 @@ THRESHOLD_FACTOR = 1.25
 
 
 def free_residual(joint: str, recording: Recording, model: JointModel, window: int) -> FloatArray:
-    """Compute the residual of free motion as the observer does: Eq. 13, running median of ``window`` samples [rad].
+    """Compute the (n,) residual of free motion as the observer does: Eq. 13, median of ``window`` samples [rad].
 
-    Only windows without stale samples, without altered commands, and in which the joint keeps up count.
+    It is NaN where the window has a sample that does not count (:func:`fit_samples`), or one before the beginning.
     """
     index = recording.joint_names.index(joint)
     residual = recording.tracking_error(index) - predict_recording(model, joint, recording)
     residual = np.where(fit_samples(recording, index), residual, np.nan)
-    if len(residual) < window:
-        return np.empty(0)
-    windows = np.lib.stride_tricks.sliding_window_view(residual, window)
-    median: FloatArray = np.median(windows[np.isfinite(windows).all(axis=1)], axis=1)
-    return median
+    filtered = np.full(len(residual), np.nan)
+    if len(residual) >= window:
+        windows = np.lib.stride_tricks.sliding_window_view(residual, window)
+        filtered[window - 1 :] = np.median(windows, axis=1)  # NaN where one of them is
+    return filtered
 
 
 def free_threshold(
@@ -50,7 +55,10 @@ def free_threshold(
     Raises:
         ValueError: The recordings have no whole window of usable samples.
     """
-    largest = [np.abs(free_residual(joint, r, model, window)).max(initial=0.0) for r in recordings]
+    largest = [
+        np.fmax.reduce(np.abs(free_residual(joint, r, model, window)), initial=0.0)
+        for r in recordings
+    ]
     if not max(largest, default=0.0) > 0.0:
         raise ValueError(f"{joint}: no recording holds {window} usable samples in a row")
     return THRESHOLD_FACTOR * float(max(largest))
@@ -101,16 +109,18 @@ def fit_bounds(
     for recording in calibration:
         generator = FusionGenerator(ordered, cycle, window=window, adapt=True, hands=hands)
         free, settled = np.ones(len(names), dtype=bool), np.zeros(len(names), dtype=bool)
-        rows = []
+        rows, doubts = [], []
         for tick in recording.ticks():
             made = generator.step(tick)
             rows.append(made.residual)
+            doubts.append(made.doubtful)
             generator.learn(made, free, settled, True)
-        residual = np.abs(np.array(rows))
+        residual, doubtful = np.abs(np.array(rows)), np.array(doubts)
         # In use, thresholds are higher until then: the start must not determine the bound.
         residual[: min(round(LEARNING_TIME / cycle), len(residual) // 2)] = np.nan
         for joint in range(len(names)):
             residual[~in_working_range(recording, joint), joint] = np.nan
+            residual[extended(doubtful[:, joint], cycle, FALLING_TIME, 0.0), joint] = np.nan
         residuals.append(residual)
         phases.append(motion_phase(recording, cycle))
     momentum_maxima = _momentum_maxima(ordered, calibration, cycle)

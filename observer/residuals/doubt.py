@@ -1,8 +1,8 @@
 """Doubt about joints at rest whose motor boards do not work against their error: such an error is no touch.
 
 A motor board answers an error by a current, whatever causes the error: a hand, friction or a load. Recorded joints
-sometimes rest degrees away from their command with hardly any current. The board then follows another target than the
-command, and the error says nothing about touch.
+sometimes rest degrees away from their command with hardly any current, or with the current that their load takes and no
+error. The board then follows another target than the command, and the error says nothing about touch.
 """
 
 from __future__ import annotations
@@ -17,20 +17,23 @@ from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.stick_slip import beyond
 from pepper_driver.observer.residuals.prediction import PredictedJoint
 
-MIN_MISSING = np.radians(0.5)
-"""[rad] Error that the current does not answer, below which no joint is in doubt."""
+MIN_DIFFERENCE = np.radians(0.5)
+"""[rad] Difference between an error and the one that the current answers, below which no joint is in doubt."""
 
-MISSING_RATIO = 0.5
-"""Fraction of an error that the current must leave unanswered. Where nothing is wrong, it leaves 0.3 at most."""
+DIFFERENCE_RATIO = 0.5
+"""Fraction of the larger one by which they must differ. Where nothing is wrong, they differ by 0.3 at most."""
 
 FULL_CURRENT = 1.0
 """[A] Enough to answer any error: boards limit their currents, and warm motors have less."""
 
 DOUBT_TICKS = 3
-"""For which a free joint must be so: single samples may be lost."""
+"""For which a free joint must show the difference: single samples may be lost."""
 
 TOUCHED_DOUBT_TICKS = 25
-"""The same for a joint in contact: one that has just been released swings back with little current."""
+"""The same for a joint in contact. One whose board integrates errors is not: a long touch makes its integral unknown."""
+
+TOUCHED_RATIO = 0.5
+"""Fraction of its threshold above which the residual of a joint in doubt keeps it there, until its command moves on."""
 
 LINGER_TICKS = 25
 """After the command moves on, in which doubt remains: the board's target returns."""
@@ -42,12 +45,14 @@ class Doubt:
     Attributes:
         torque_per_ampere: Motor torque / K per current [rad/A]; 0 for a joint that is never in doubt.
         dead_band: Error that the motor board ignores [rad].
+        lag: Back-EMF of the motor, and other torque that follows the speed, over K [s].
         ticks: For which the current has not answered the error.
         linger: Ticks for which doubt remains; 0 without doubt.
     """
 
     torque_per_ampere: float
     dead_band: float
+    lag: float
     ticks: int
     linger: int
 
@@ -57,25 +62,28 @@ def _doubt(
     doubts: Out[Records[Doubt]],
     joints: Records[PredictedJoint],
     error: FloatArray,
+    velocity: FloatArray,
     current: FloatArray,
+    residual: FloatArray,
+    threshold: FloatArray,
     resting: BoolArray,
     free: BoolArray,
     doubtful: Out[BoolArray],
 ) -> None:
     for j in range(len(doubtful)):
-        state = doubts[j]
+        state, joint = doubts[j], joints[j]
         if state.torque_per_ampere > 0.0:
-            asked = abs(beyond(error[j], state.dead_band) + joints[j].board_integral)
-            asked = min(asked, FULL_CURRENT * state.torque_per_ampere)
-            missing = asked - state.torque_per_ampere * abs(current[j])
-            bound = max(MIN_MISSING, MISSING_RATIO * asked)
-            if resting[j] and missing > (0.5 * bound if state.linger > 0 else bound):
-                state.ticks += 1
-            else:
-                state.ticks = 0
-            if state.ticks >= (DOUBT_TICKS if free[j] else TOUCHED_DOUBT_TICKS) or (
-                state.linger > 0 and state.ticks > 0
-            ):
+            asked = beyond(error[j], state.dead_band) + joint.board_integral
+            asked = abs(asked - state.lag * velocity[j])
+            answered = state.torque_per_ampere * abs(current[j])
+            due = min(asked, FULL_CURRENT * state.torque_per_ampere)
+            difference = max(due - answered, answered - asked)
+            bound = max(MIN_DIFFERENCE, DIFFERENCE_RATIO * max(due, answered))
+            state.ticks = state.ticks + 1 if resting[j] and difference > bound else 0
+            begins = state.ticks >= (DOUBT_TICKS if free[j] else TOUCHED_DOUBT_TICKS)
+            begins = begins and (free[j] or not joint.integrates)
+            stays = resting[j] and abs(residual[j]) > TOUCHED_RATIO * threshold[j]
+            if begins or (state.linger > 0 and (state.ticks > 0 or stays)):
                 state.linger = LINGER_TICKS
             elif state.linger > 0:
                 state.linger -= 1
@@ -85,8 +93,9 @@ def _doubt(
 class DoubtDetector:
     """Detector of joints in doubt.
 
-    A joint is in doubt while its command rests and its current is too small for its error, for DOUBT_TICKS or, in a
-    contact, TOUCHED_DOUBT_TICKS. Where the current does not show the torque of the motor, no joint is.
+    Doubt begins where a command rests, and the current is not that of the error for DOUBT_TICKS or, in a contact,
+    TOUCHED_DOUBT_TICKS. It ends LINGER_TICKS after the command moves on, or after the residual has returned. Where the
+    current does not show the torque of the motor, no joint is in doubt.
 
     Args:
         models: By joint, None for those without.
@@ -101,6 +110,7 @@ class DoubtDetector:
                 for m in models
             ],
             dead_band=[0.0 if m is None else m.twin.dead_band for m in models],
+            lag=[0.0 if m is None else m.twin.lag for m in models],
         )
         self._doubt = _doubt.load()
         self.reset()
@@ -113,7 +123,10 @@ class DoubtDetector:
         self,
         joints: Records[PredictedJoint],
         error: FloatArray,
+        velocity: FloatArray,
         current: FloatArray,
+        residual: FloatArray,
+        threshold: FloatArray,
         resting: BoolArray,
         free: BoolArray,
     ) -> BoolArray:
@@ -122,10 +135,24 @@ class DoubtDetector:
         Args:
             joints: Their estimated integrals of the board.
             error: (n,) tracking error from the target of the board, finite [rad].
+            velocity: (n,) of the joints as measured [rad/s].
             current: (n,) measured, finite [A].
+            residual: (n,) filtered [rad].
+            threshold: (n,) of a contact [rad].
             resting: (n,) joints whose command rests.
             free: (n,) joints without contact.
         """
         doubtful = np.empty(len(error), np.bool_)
-        self._doubt(self._doubts, joints, error, current, resting, free, doubtful)
+        self._doubt(
+            self._doubts,
+            joints,
+            error,
+            velocity,
+            current,
+            residual,
+            threshold,
+            resting,
+            free,
+            doubtful,
+        )
         return doubtful

@@ -479,7 +479,10 @@ class FusionGenerator:
         doubtful = self._doubt.step(
             self._predictor.joints,
             prediction.board_target - measured,
+            prediction.velocity - self._change,
             current,
+            filtered,
+            threshold,
             good & ~self._threshold.moving,
             self._free,
         )

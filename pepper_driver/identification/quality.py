@@ -14,12 +14,25 @@ from pepper_driver.identification.dataset import IdentificationDataset, JointDat
 from pepper_driver.identification.runs import run_name
 from pepper_driver.observer import FusionModel, JointModel, Recording
 from pepper_driver.observer.fitting.bounds import free_residual
-from pepper_driver.observer.fitting.samples import WORKING_ERROR, clipped_current
+from pepper_driver.observer.fitting.samples import (
+    WORKING_ERROR,
+    clipped_current,
+    doubtful_samples,
+)
 from pepper_driver.observer.fitting.stick_slip import bounded_constants
 from pepper_driver.observer.recording import STALE_AGE
 
 Kind = Literal[
-    "excitation", "contact", "current", "gaps", "stale", "limited", "bound", "behind", "blind"
+    "excitation",
+    "contact",
+    "current",
+    "gaps",
+    "stale",
+    "limited",
+    "bound",
+    "behind",
+    "blind",
+    "doubtful",
 ]
 
 MIN_RANGE = 0.1
@@ -224,7 +237,7 @@ def _bursts(
     """Find runs with a much larger residual than the others: a person touched the robot."""
     window = load_observer_settings().median_window
     residuals = [np.abs(free_residual(joint, run, model, window)) for run in runs]
-    largest = np.array([residual.max(initial=0.0) for residual in residuals])
+    largest = np.array([np.fmax.reduce(residual, initial=0.0) for residual in residuals])
     if len(runs) < 4 or not (largest > 0).all():
         return []  # too few to say what is usual
     found = []
@@ -235,10 +248,16 @@ def _bursts(
         spread = 1.4826 * float(np.median(np.abs(np.log(others / usual))))
         score = float(np.log(largest[number] / usual)) / max(spread, LEAST_SPREAD)
         if score > BURST and largest[number] - usual > LEAST_BURST:
-            when = runs[number].time[int(residuals[number].argmax())] - runs[number].time[0]
-            text = (
-                f"looks as if it was touched {when:.0f} s after its start: the residual of {joint} reaches "
+            run, sample = runs[number], int(np.nanargmax(residuals[number]))
+            when = run.time[sample] - run.time[0]
+            size = (
+                f"{when:.0f} s after its start: the residual of {joint} reaches "
                 f"{np.degrees(largest[number]):.1f} deg, {np.degrees(usual):.1f} deg is usual"
             )
-            found.append(Finding(kind="contact", joint=joint, run=name, text=text))
+            text = f"looks as if it was touched {size}"
+            kind: Kind = "contact"
+            if isinstance(model, FusionModel) and doubtful_samples(run, joint, model)[sample]:
+                text = f"rests off its command, and its motor does not work against that, {size}"
+                kind = "doubtful"
+            found.append(Finding(kind=kind, joint=joint, run=name, text=text))
     return found
