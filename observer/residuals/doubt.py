@@ -30,7 +30,7 @@ DOUBT_TICKS = 3
 """For which a free joint must show the difference: single samples may be lost."""
 
 TOUCHED_DOUBT_TICKS = 25
-"""The same for a joint in contact. One whose board integrates errors is not: a long touch makes its integral unknown."""
+"""The same for a joint in contact. One whose board integrates is not: a long touch makes its integral unknown."""
 
 TOUCHED_RATIO = 0.5
 """Fraction of its threshold above which the residual of a joint in doubt keeps it there, until its command moves on."""

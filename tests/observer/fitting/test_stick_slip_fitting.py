@@ -151,7 +151,7 @@ def test_samples_that_cannot_be_used_do_not_count() -> None:
     garbage = []
     for run, position in spoilt:
         for span in (slice(1, round(START_UP_TIME / CYCLE)), slice(90, 100), slice(70, 75)):
-            position[span, ELBOW] += 0.5
+            position[span, ELBOW] += 0.15  # within the working range
         garbage.append(replace(run, position=position))
     assert fit_stick_slip(JOINT, garbage, CYCLE) == clean
     garbage[1] = replace(garbage[1], limited=np.zeros_like(garbage[1].limited))
