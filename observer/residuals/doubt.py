@@ -20,6 +20,9 @@ from pepper_driver.observer.residuals.prediction import PredictedJoint
 MIN_DIFFERENCE = np.radians(0.5)
 """[rad] Difference between an error and the one that the current answers, below which no joint is in doubt."""
 
+MIN_INTEGRAL_DIFFERENCE = np.radians(1.0)
+"""[rad] The same where the board integrates errors: its integral is an estimate."""
+
 DIFFERENCE_RATIO = 0.5
 """Fraction of the larger one by which they must differ. Where nothing is wrong, they differ by 0.3 at most."""
 
@@ -32,8 +35,11 @@ DOUBT_TICKS = 3
 TOUCHED_DOUBT_TICKS = 25
 """The same for a joint in contact. One whose board integrates is not: a long touch makes its integral unknown."""
 
+RECENT_TICKS = 8
+"""For which such a difference counts: as the target moves off, it comes before the filtered residual."""
+
 TOUCHED_RATIO = 0.5
-"""Fraction of its threshold above which the residual of a joint in doubt keeps it there, until its command moves on."""
+"""Fraction of its threshold above which a residual is in doubt: a smaller one is no contact anyway."""
 
 LINGER_TICKS = 25
 """After the command moves on, in which doubt remains: the board's target returns."""
@@ -47,6 +53,7 @@ class Doubt:
         dead_band: Error that the motor board ignores [rad].
         lag: Back-EMF of the motor, and other torque that follows the speed, over K [s].
         ticks: For which the current has not answered the error.
+        recent: Ticks for which this still counts.
         linger: Ticks for which doubt remains; 0 without doubt.
     """
 
@@ -54,6 +61,7 @@ class Doubt:
     dead_band: float
     lag: float
     ticks: int
+    recent: int
     linger: int
 
 
@@ -78,12 +86,16 @@ def _doubt(
             answered = state.torque_per_ampere * abs(current[j])
             due = min(asked, FULL_CURRENT * state.torque_per_ampere)
             difference = max(due - answered, answered - asked)
-            bound = max(MIN_DIFFERENCE, DIFFERENCE_RATIO * max(due, answered))
+            bound = MIN_INTEGRAL_DIFFERENCE if joint.integrates else MIN_DIFFERENCE
+            bound = max(bound, DIFFERENCE_RATIO * max(due, answered))
             state.ticks = state.ticks + 1 if resting[j] and difference > bound else 0
-            begins = state.ticks >= (DOUBT_TICKS if free[j] else TOUCHED_DOUBT_TICKS)
-            begins = begins and (free[j] or not joint.integrates)
-            stays = resting[j] and abs(residual[j]) > TOUCHED_RATIO * threshold[j]
-            if begins or (state.linger > 0 and (state.ticks > 0 or stays)):
+            large = resting[j] and abs(residual[j]) > TOUCHED_RATIO * threshold[j]
+            if state.ticks >= (DOUBT_TICKS if free[j] else TOUCHED_DOUBT_TICKS):
+                state.recent = RECENT_TICKS
+            elif state.recent > 0:
+                state.recent -= 1
+            begins = state.recent > 0 and (free[j] or not joint.integrates)
+            if large and (begins or state.linger > 0):
                 state.linger = LINGER_TICKS
             elif state.linger > 0:
                 state.linger -= 1
@@ -93,9 +105,9 @@ def _doubt(
 class DoubtDetector:
     """Detector of joints in doubt.
 
-    Doubt begins where a command rests, and the current is not that of the error for DOUBT_TICKS or, in a contact,
-    TOUCHED_DOUBT_TICKS. It ends LINGER_TICKS after the command moves on, or after the residual has returned. Where the
-    current does not show the torque of the motor, no joint is in doubt.
+    Doubt begins where a command rests, the residual is large, and the current is not that of the error for DOUBT_TICKS
+    or, in a contact, TOUCHED_DOUBT_TICKS. It ends LINGER_TICKS after the command moves on, or the residual returns.
+    Where the current does not show the torque of the motor, no joint is in doubt.
 
     Args:
         models: By joint, None for those without.
@@ -117,7 +129,8 @@ class DoubtDetector:
 
     def reset(self) -> None:
         """Forget the session."""
-        self._doubts["ticks"], self._doubts["linger"] = 0, 0
+        for name in ("ticks", "recent", "linger"):
+            self._doubts[name] = 0
 
     def step(
         self,

@@ -57,11 +57,27 @@ def strayed(motion: Motion, offset: FloatArray, per_ampere: float = PER_AMPERE) 
     return ticks
 
 
-@pytest.mark.parametrize("offset", [0.053, -0.035, 0.02])
+@pytest.mark.parametrize("offset", [0.053, -0.035, 0.03])
 def test_a_joint_that_rests_off_its_command_without_current_is_in_doubt(offset: float) -> None:
     motion = standing(6.0)
     seen, events = states(fusion_observer(), strayed(motion, np.full(len(motion), offset)))
     assert set(seen[10:]) == {JointState.DOUBTFUL}
+    assert events == []
+
+
+@pytest.mark.parametrize("load", [2.5, -2.5])
+def test_neither_is_a_current_of_the_load_with_no_error_to_answer(load: float) -> None:
+    motion = standing(6.0, load=load)
+    # The droop under the load, taken back by a target that is off.
+    offset = np.where(np.arange(len(motion)) > 200, STICK_SLIP.load_gain * load * 1.3, 0.0)
+    start = -STICK_SLIP.load_gain * load
+    other = replace(motion, position=motion.position + offset)
+    ticks = ticks_of(other, drive(other, start=start))
+    for one in ticks:
+        one.sent.position[ELBOW] = one.reference.position[ELBOW] = 0.0
+    seen, events = states(fusion_observer(), ticks)
+    assert set(seen[:200]) == {JointState.FREE}
+    assert set(seen[230:]) == {JointState.DOUBTFUL}
     assert events == []
 
 
