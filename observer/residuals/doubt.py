@@ -1,8 +1,11 @@
-"""Doubt about joints at rest whose motor boards do not work against their error: such an error is no touch.
+"""Doubt about errors of joints that are no sign of touch: at rest without work of the motor, and far behind a command.
 
 A motor board answers an error by a current, whatever causes the error: a hand, friction or a load. Recorded joints
 sometimes rest degrees away from their command with hardly any current, or with the current that their load takes and no
 error. The board then follows another target than the command, and the error says nothing about touch.
+
+A joint whose command runs faster than the board lets its target run falls behind it. Recorded joints then run at one of
+two speeds, and no model says at which: a residual of fractions of a radian may follow.
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.kernels import Out, Records, kernel, make_records
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.stick_slip import beyond
-from pepper_driver.observer.residuals.prediction import PredictedJoint
+from pepper_driver.observer.residuals.prediction import PredictedJoint, Prediction
 
 MIN_DIFFERENCE = np.radians(0.5)
 """[rad] Difference between an error and the one that the current answers, below which no joint is in doubt."""
@@ -41,6 +44,15 @@ RECENT_TICKS = 8
 TOUCHED_RATIO = 0.5
 """Fraction of its threshold above which a residual is in doubt: a smaller one is no contact anyway."""
 
+MAX_TARGET_ERROR = 0.02
+"""[rad] between a command and the limited target of its board, beyond which a joint falls behind."""
+
+MAX_EXPECTED_ERROR = 0.2
+"""[rad] Expected error beyond which it does, of joints whose limit was not measured: the models' working range."""
+
+BEHIND_TICKS = 50
+"""After it has caught up, in which it settles."""
+
 LINGER_TICKS = 25
 """After the command moves on, in which doubt remains: the board's target returns."""
 
@@ -54,7 +66,8 @@ class Doubt:
         lag: Back-EMF of the motor, and other torque that follows the speed, over K [s].
         ticks: For which the current has not answered the error.
         recent: Ticks for which this still counts.
-        linger: Ticks for which doubt remains; 0 without doubt.
+        linger: Ticks for which this doubt remains; 0 without it.
+        behind: Ticks for which the doubt of a joint that falls behind remains; 0 without it.
     """
 
     torque_per_ampere: float
@@ -63,13 +76,17 @@ class Doubt:
     ticks: int
     recent: int
     linger: int
+    behind: int
 
 
 @kernel
 def _doubt(
     doubts: Out[Records[Doubt]],
     joints: Records[PredictedJoint],
-    error: FloatArray,
+    target: FloatArray,
+    board_target: FloatArray,
+    position: FloatArray,
+    measured: FloatArray,
     velocity: FloatArray,
     current: FloatArray,
     residual: FloatArray,
@@ -81,7 +98,7 @@ def _doubt(
     for j in range(len(doubtful)):
         state, joint = doubts[j], joints[j]
         if state.torque_per_ampere > 0.0:
-            asked = beyond(error[j], state.dead_band) + joint.board_integral
+            asked = beyond(board_target[j] - measured[j], state.dead_band) + joint.board_integral
             asked = abs(asked - state.lag * velocity[j])
             answered = state.torque_per_ampere * abs(current[j])
             due = min(asked, FULL_CURRENT * state.torque_per_ampere)
@@ -99,7 +116,12 @@ def _doubt(
                 state.linger = LINGER_TICKS
             elif state.linger > 0:
                 state.linger -= 1
-        doubtful[j] = state.linger > 0
+        behind = abs(target[j] - board_target[j]) > MAX_TARGET_ERROR
+        if behind or abs(target[j] - position[j]) > MAX_EXPECTED_ERROR:
+            state.behind = BEHIND_TICKS
+        elif state.behind > 0:
+            state.behind -= 1
+        doubtful[j] = state.linger > 0 or state.behind > 0
 
 
 class DoubtDetector:
@@ -107,7 +129,8 @@ class DoubtDetector:
 
     Doubt begins where a command rests, the residual is large, and the current is not that of the error for DOUBT_TICKS
     or, in a contact, TOUCHED_DOUBT_TICKS. It ends LINGER_TICKS after the command moves on, or the residual returns.
-    Where the current does not show the torque of the motor, no joint is in doubt.
+    Where the current does not show the torque of the motor, no joint at rest is in doubt. A joint in motion is while
+    its command runs away from it, and until it has settled.
 
     Args:
         models: By joint, None for those without.
@@ -129,13 +152,14 @@ class DoubtDetector:
 
     def reset(self) -> None:
         """Forget the session."""
-        for name in ("ticks", "recent", "linger"):
+        for name in ("ticks", "recent", "linger", "behind"):
             self._doubts[name] = 0
 
     def step(
         self,
         joints: Records[PredictedJoint],
-        error: FloatArray,
+        prediction: Prediction,
+        measured: FloatArray,
         velocity: FloatArray,
         current: FloatArray,
         residual: FloatArray,
@@ -147,7 +171,8 @@ class DoubtDetector:
 
         Args:
             joints: Their estimated integrals of the board.
-            error: (n,) tracking error from the target of the board, finite [rad].
+            prediction: Of the tick.
+            measured: (n,) positions, finite [rad].
             velocity: (n,) of the joints as measured [rad/s].
             current: (n,) measured, finite [A].
             residual: (n,) filtered [rad].
@@ -155,11 +180,14 @@ class DoubtDetector:
             resting: (n,) joints whose command rests.
             free: (n,) joints without contact.
         """
-        doubtful = np.empty(len(error), np.bool_)
+        doubtful = np.empty(len(measured), np.bool_)
         self._doubt(
             self._doubts,
             joints,
-            error,
+            prediction.target,
+            prediction.board_target,
+            prediction.position,
+            measured,
             velocity,
             current,
             residual,

@@ -478,7 +478,8 @@ class FusionGenerator:
         )
         doubtful = self._doubt.step(
             self._predictor.joints,
-            prediction.board_target - measured,
+            prediction,
+            measured,
             prediction.velocity - self._change,
             current,
             filtered,

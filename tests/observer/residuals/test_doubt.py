@@ -159,7 +159,7 @@ def test_a_dead_band_takes_no_current() -> None:
 
 @examples(60)
 @given(
-    st.lists(st.tuples(st.integers(1, 40), st.floats(-0.3, 0.3)), min_size=1, max_size=12),
+    st.lists(st.tuples(st.integers(1, 40), st.floats(-0.15, 0.15)), min_size=1, max_size=12),
     st.floats(0.0, 0.02),
 )
 def test_no_error_that_the_current_answers_is_doubted(
