@@ -8,8 +8,8 @@ the value of the plant, which only this program reads:
 - speed: at which the plant's limiter holds the targets of a joint that was told more;
 - torque scale: torque of the motor by its documented constant per torque at the joint. The plant has it from the
   efficiency of the gear and the temperature of the magnet. Of the joints that carry the weight;
-- friction: Coulomb friction of motor and link with the teeth in contact, at the temperature of the grease, in torque of
-  the motor. What the load adds to it is not in it;
+- friction: of motor and link with the teeth in contact, at the speed of the sweeps and the temperature of the grease,
+  in torque of the motor. What the load adds to it is not in it;
 - lost: fraction of samples that do not arrive.
 
 A plant that is drawn is measured on each of --draws. Robots that are done are in the JSON file: the same command goes
@@ -36,6 +36,7 @@ from pepper_driver.backends.fields import RECORDED_FIELDS
 from pepper_driver.backends.selection import with_query
 from pepper_driver.config import PlantConfig, load_plant, load_robot
 from pepper_driver.config.plant import draws
+from pepper_driver.config.plant_parts import FrictionParameters
 from pepper_driver.config.population import parse_draws
 from pepper_driver.identification import runs
 from pepper_driver.identification.measurements.program import (
@@ -56,6 +57,10 @@ CARRYING = ("LShoulderPitch", "LShoulderRoll", "LElbowYaw", "LElbowRoll")
 
 FAST = tuple(side + joint for side in "LR" for joint in ("ShoulderPitch", "ElbowYaw", "ElbowRoll"))
 """Joints that are told more and more speed."""
+
+
+SWEEP_SPEED = 0.15
+"""[rad/s] About that of the slow sweeps."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,9 +120,8 @@ def compare(found: MeasuredRobot, plant: PlantConfig) -> list[dict[str, Any]]:
     magnet, grease = (1.0 + rate * warmer for rate in (plant.heat.magnet, plant.heat.grease))
     for joint, one in found.joints.items():
         drive = plant.actuator(joint)
-        touching = drive.friction.contact
         scale = 1.0 / (drive.efficiency * magnet)
-        friction = scale * grease * (touching.motor + touching.link)
+        friction = scale * grease * _sliding_friction(drive.friction)
         facts.append(_fact("friction", joint, one.friction, friction))
         if joint in CARRYING:
             facts.append(_fact("torque scale", joint, one.torque_scale, scale))
@@ -125,6 +129,15 @@ def compare(found: MeasuredRobot, plant: PlantConfig) -> list[dict[str, Any]]:
             speed = one.speed if one.speed_limited else None
             facts.append(_fact("speed", joint, speed, plant.targets.speed_limit))
     return facts
+
+
+def _sliding_friction(friction: FrictionParameters) -> float:
+    """Return the friction of a drive in slow motion, at the joint and at the reference temperature [N m]."""
+    contact = friction.contact
+    falling = 1.0 + (SWEEP_SPEED / friction.stribeck_velocity) ** 2
+    sticking = 1.0 + (friction.breakaway - 1.0) / falling
+    viscous = contact.motor_viscous + contact.link_viscous
+    return sticking * (contact.motor + contact.link) + viscous * SWEEP_SPEED
 
 
 def _fact(name: str, joint: str, measured: float | None, true: float | None) -> dict[str, Any]:
