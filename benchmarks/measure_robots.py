@@ -40,6 +40,7 @@ from pepper_driver.config.plant_parts import FrictionParameters
 from pepper_driver.config.population import parse_draws
 from pepper_driver.identification import runs
 from pepper_driver.identification.measurements.program import (
+    Hand,
     held_weight,
     measure_robot,
 )
@@ -49,8 +50,11 @@ from pepper_driver.observer.models.measured_robot import MeasuredRobot
 ASSUMED_DELAY = 3
 """[ticks] As the settings of NAOqi have it."""
 
-MASS, HAND = 0.5, "left"
-"""[kg] Weight, and the hand that holds it."""
+MASS = 0.5
+"""[kg] Of the weight."""
+
+HAND: Hand = "left"
+"""That holds it."""
 
 CARRYING = ("LShoulderPitch", "LShoulderRoll", "LElbowYaw", "LElbowRoll")
 """Joints whose load changes with the weight: not that of the wrist, through whose axis it pulls."""
@@ -146,7 +150,8 @@ def _fact(name: str, joint: str, measured: float | None, true: float | None) -> 
 
 def plan(plants: list[str], drawn: tuple[int, ...]) -> dict[str, Callable[[], Result]]:
     """Return the jobs by name of the robot."""
-    robot, jobs = load_robot(), {}
+    robot = load_robot()
+    jobs: dict[str, Callable[[], Result]] = {}
     for name in plants:
         for draw in drawn if draws(name, robot) else (None,):
             plant = load_plant(name, robot, draw=draw)

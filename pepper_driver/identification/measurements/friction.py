@@ -262,12 +262,13 @@ def _fit_small(torque: FloatArray, direction: FloatArray, load: FloatArray, step
         return -float(np.log((1.0 - MISREAD) * fractions + anything).sum())
 
     mean = float(torque.mean())
+    quiet, half, loud = (float(np.log(part * step)) for part in (0.1, 0.5, 4.0))
     ends = [
         minimize(
             unlikelihood,
-            (0.5 * mean, 1.5, constant * mean, np.log(0.5 * step)),
+            np.array((0.5 * mean, 1.5, constant * mean, half)),
             method="L-BFGS-B",
-            bounds=((0.0, None), (0.2, 8.0), (None, None), np.log((0.1 * step, 4.0 * step))),
+            bounds=((0.0, None), (0.2, 8.0), (None, None), (quiet, loud)),
         )
         for constant in (-0.5, 0.0, 0.5)
     ]
