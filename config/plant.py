@@ -140,7 +140,7 @@ def _read(
         if not isinstance(section, dict):
             raise ConfigError(f"{where}: expected a mapping of keys to values")
         drawing = parse(Randomisation, section, where)
-        check_draw(draw or 0, drawing.development, source)
+        check_draw(draw or 0, source)
     elif draw is not None:
         raise ConfigError(
             f"{source}: draws nothing (no key 'randomise'), so draw={draw} says nothing"

@@ -53,8 +53,6 @@ class Randomisation:
         offsets: Added to values of the actuators by dotted key, uniform between two bounds, each joint its own.
         integers: Other whole numbers by dotted key, from the first to the last with equal probability.
         days: What differs between the days of one robot; None where each draw is the same robot on another day.
-        development: How many draws, the first ones, are for development, see
-            :mod:`pepper_driver.config.population`; None where all are.
     """
 
     factors: Factors
@@ -63,7 +61,6 @@ class Randomisation:
     offsets: Values = field(default_factory=dict)
     integers: dict[str, tuple[int, int]] = field(default_factory=dict)
     days: DayDifferences | None = None
-    development: Annotated[int, Field(ge=1)] | None = None
 
 
 def resolve(
@@ -101,7 +98,6 @@ def _resolve(
         raise ConfigError(f"{source}: key 'extends': the plant extends itself")
     parent_path = _parent(path, data, find, draw)
     plant, further = _resolve(parent_path, find, robot, draw, (*seen, path.resolve()))
-    _check_development(plant, data, source)
     factors = _mapping(data.pop("factors", {}), f"{source}: key 'factors'")
     joints = _mapping(data.pop("joints", {}), f"{source}: key 'joints'")
     if "actuators" in data:
@@ -146,25 +142,6 @@ def _parent(path: Path, data: Tree, find: Callable[[str], Path], draw: int) -> P
         inside = not found.is_absolute() and not found.exists()
         paths.append(path.parent / found if inside else found)
     return paths[draw % len(paths)]
-
-
-def _check_development(plant: Tree, changes: Tree, source: str) -> None:
-    """Refuse a variant with more draws for development than the plant it extends: they are the same robots."""
-    most = _development(plant)
-    drawing = changes.get("randomise")
-    if most is None or not isinstance(drawing, dict) or "development" not in drawing:
-        return
-    own = _development(changes)
-    if own is None or own > most:
-        raise ConfigError(
-            f"{source}: key 'randomise.development': the plant it extends has {most}, and a variant has no more"
-        )
-
-
-def _development(plant: Tree) -> int | None:
-    drawing = plant.get("randomise")
-    number = drawing.get("development") if isinstance(drawing, dict) else None
-    return number if isinstance(number, int) else None
 
 
 def randomise(

@@ -1,7 +1,8 @@
 """Robots of a population by the numbers of their draws: some for development, the others held out for tests.
 
-Who tunes an observer on the robots that then judge it learns nothing. Draws from a plant's ``randomise.development`` on
-are refused, whoever asks, except inside :func:`allow_test_draws`. Only Python code can open that, in its own process.
+Who tunes an observer on the robots that then judge it learns nothing. Draws from DEVELOPMENT_DRAWS on are refused for
+every plant, whoever asks, except inside :func:`allow_test_draws`. No file can change that: another plant with the same
+section ``randomise`` would draw the same robots. Only Python code can allow them, in its own process.
 """
 
 from __future__ import annotations
@@ -16,6 +17,9 @@ from typing import TypeVar
 from pepper_driver.config.errors import ConfigError, shown
 
 T = TypeVar("T")
+
+DEVELOPMENT_DRAWS = 100
+"""Draws for development, the first ones; all others are for tests."""
 
 MOST_DRAWS = 1000
 """In one list of draws."""
@@ -49,21 +53,20 @@ def _with_test_draws(job: Callable[[], T]) -> T:
         return job()
 
 
-def check_draw(draw: int, development: int | None, source: str) -> None:
+def check_draw(draw: int, source: str) -> None:
     """Refuse a draw that is for tests where these are not allowed.
 
     Args:
         draw: Its number.
-        development: Number of draws for development, the first ones; None where all are.
         source: File of the plant, for the message.
 
     Raises:
         HeldOutDrawError: It is refused.
     """
-    if development is not None and draw >= development and not _allowed.get():
+    if draw >= DEVELOPMENT_DRAWS and not _allowed.get():
         raise HeldOutDrawError(
-            f"{source}: draw {draw} is held out for the test split of the evaluation, as all from {development} on; "
-            f"for development there are 0 to {development - 1}"
+            f"{source}: draw {draw} is held out for the test split of the evaluation, as all from {DEVELOPMENT_DRAWS} "
+            f"on; for development there are 0 to {DEVELOPMENT_DRAWS - 1}"
         )
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from support import ROOT
+from support.observer import recording
 from support.stand_ins import patient_driver
 
 
@@ -663,6 +664,96 @@ def test_wrong_options_of_the_touched_arm_are_one_line(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     status, out, err = scripted(TOUCH, monkeypatch, capsys, *arguments)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert word in err
+
+
+MEASURE = ROOT / "benchmarks" / "measure_robots.py"
+
+
+def fact(name: str, measured: float | None, true: float | None, joint: str = "") -> dict[str, Any]:
+    return {"fact": name, "joint": joint, "measured": measured, "true": true}
+
+
+def test_measured_facts_are_counted_by_their_bounds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "robots.json"
+    fine = [fact("delay", 5, 5), fact("lost", 0.01, 0.012), fact("friction", 0.5, 0.4, "HeadYaw")]
+    poor = [
+        fact("delay", 4, 5),
+        fact("friction", 0.2, 0.4, "HeadYaw"),
+        fact("friction", None, 1.0, "LWristYaw"),
+    ]
+    poor += [fact("speed", 2.1, 2.0, "LElbowYaw"), fact("speed", None, 2.0, "LElbowRoll")]
+    unlimited = [fact("speed", 1.9, None, "LElbowYaw"), fact("speed", None, None, "LElbowRoll")]
+    runs = {
+        "random-3": {"facts": fine},
+        "random-4": {"facts": poor},
+        "nominal": {"facts": unlimited},
+    }
+    path.write_text(json.dumps({"runs": runs}))
+    options = ["--plants", "random", "nominal", "--draws", "3-4", "--json", str(path)]
+    status, out, err = scripted(MEASURE, monkeypatch, capsys, *options)
+    assert (status, err) == (0, "")
+    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines()]
+    by_fact = {row[0]: row[1:] for row in rows if len(row) == 10}
+    # Bound; robots, joints, not measured, found in vain; median and worst error; 1 of 2 by Clopper and Pearson.
+    half = "1 of 2 [0.01-0.99]"
+    assert by_fact["delay"] == ["0.5", "2", "2", "0", "0", "0.5", "1", half, "random-4  (4, not 5)"]
+    assert by_fact["friction"][1:7] == ["2", "3", "1", "0", "37.5 %", "50.0 %"]
+    assert by_fact["friction"][7:] == [half, "random-4 HeadYaw (0.2, not 0.4)"]
+    assert by_fact["speed"][1:6] == ["1", "2", "1", "1", "5.0 %"]
+    assert by_fact["lost"][5] == "0.002"
+    assert by_fact["torque scale"][1:] == ["0", "0", "0", "0", *"----"]
+
+
+@pytest.mark.parametrize("ticks", [-4, 0, 2])
+def test_samples_are_paired_with_other_commands(
+    ticks: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(MEASURE.parent)
+    module = benchmark(MEASURE, monkeypatch)
+    count = 40
+    run = recording(np.zeros((count, 3)), np.arange(float(count)))
+    later = module.paired_later(run, ticks)
+    assert len(later) == count - abs(ticks)
+    np.testing.assert_allclose(later.time / run.cycle - later.sent_position[:, 0], ticks, atol=1e-6)
+
+
+@pytest.mark.whole
+def test_a_simulated_robot_is_measured_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "robots.json"
+    options = ["--plants", "recorded", "--json", str(path)]
+    assert scripted(MEASURE, monkeypatch, capsys, *options)[0] == 0
+    facts = json.loads(path.read_text())["runs"]["recorded"]["facts"]
+    [delay] = (one for one in facts if one["fact"] == "delay")
+    assert (delay["measured"], delay["true"]) == (6, 6)  # though samples are paired as if it were 3
+    scales = [one for one in facts if one["fact"] == "torque scale"]
+    assert len(scales) == 4
+    for one in scales:
+        assert one["measured"] == pytest.approx(one["true"], rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["--plants", "randon"], "did you mean random"),
+        (["--draws", "0-100"], "held out"),
+        (["--draws", "x"], "expected numbers"),
+        (["--workers", "0"], "--workers"),
+        (["--json", str(MEASURE)], "holds no results"),
+    ],
+)
+def test_wrong_options_of_the_measured_robots_are_one_line(
+    arguments: list[str],
+    word: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    status, out, err = scripted(MEASURE, monkeypatch, capsys, *arguments)
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert word in err
 

@@ -18,6 +18,8 @@ from pepper_driver.config import (
     parent_plants,
     plant_hash,
 )
+from pepper_driver.config.loading import package_file, read_yaml
+from pepper_driver.config.plant import plant_names
 from pepper_driver.config.population import (
     MOST_DRAWS,
     HeldOutDrawError,
@@ -34,7 +36,6 @@ DRAWN = {
     "factors": {"kp": [0.8, 1.25]},
     "values": {"battery.charge": [0.2, 0.9]},
     "model_error": [0.0, 0.05],
-    "development": 10,
     "days": DAYS,
 }
 
@@ -159,26 +160,50 @@ def test_a_job_takes_what_is_allowed_to_its_process(workers: int) -> None:
     assert list(run_jobs(several, workers=workers)) == expected
 
 
-@pytest.mark.parametrize("more", [100000, 101, None])
-def test_a_variant_has_no_more_draws_for_development(tmp_path: Path, more: int | None) -> None:
-    path = save(tmp_path, {"name": "mine", "extends": "random", "randomise": {"development": more}})
-    expected = r"mine\.yaml line \d+: key 'randomise.development': the plant it extends has 100"
-    for draw in (0, 100):
-        with pytest.raises(ConfigError, match=expected):
-            load_plant(path, ROBOT, draw=draw)
+def test_they_are_refused_for_every_plant_that_is_drawn() -> None:
+    for plant in plant_names():
+        if draws(plant, ROBOT):
+            load_plant(plant, ROBOT, draw=99)
+            with pytest.raises(HeldOutDrawError):
+                load_plant(plant, ROBOT, draw=100)
 
 
-def test_a_variant_may_have_fewer(tmp_path: Path) -> None:
-    path = save(tmp_path, {"name": "mine", "extends": "random", "randomise": {"development": 3}})
-    load_plant(path, ROBOT, draw=2)
-    with pytest.raises(HeldOutDrawError, match="there are 0 to 2"):
-        load_plant(path, ROBOT, draw=3)
+SECTION = read_yaml(package_file("plants", "random.yaml"))["randomise"]
+SECTIONS = st.sampled_from(
+    [{}, {"randomise": None}, {"randomise": {}}, {"randomise": SECTION}, {"randomise": DRAWN}]
+)
+PARENTS = st.sampled_from(
+    ["random", "nominal", ["random"], ["random", "nominal"], ["nominal", "integral"]]
+)
+LINK = st.tuples(st.none() | PARENTS, SECTIONS)
 
 
-def test_a_plant_without_a_limit_draws_on(tmp_path: Path) -> None:
-    assert load_plant("drift", ROBOT, draw=12345).name == "drift-12345"
-    endless = {**DRAWN, "development": None}
-    load_plant(population(tmp_path, randomise=endless), ROBOT, draw=12345)
+@examples(200)
+@given(PARENTS, st.lists(LINK, min_size=1, max_size=4), st.integers(0, 2**70))
+def test_no_chain_of_files_reaches_them(
+    tmp_path_factory: pytest.TempPathFactory,
+    parent: Tree,
+    links: list[tuple[Tree, Tree]],
+    draw: int,
+) -> None:
+    """Each file extends the one before, or others, with or without a section of its own."""
+    folder = tmp_path_factory.mktemp("chain")
+    for number, (others, section) in enumerate(links):
+        extended = parent if number == 0 else others or f"{number - 1}.yaml"
+        path = save(folder, {"name": "mine", "extends": extended, **section}, f"{number}.yaml")
+    try:
+        plant = load_plant(path, ROBOT, draw=draw)
+    except ConfigError:  # also where nothing is drawn, or a list has no section
+        return
+    assert draw < 100
+    assert plant.name == f"mine-{draw}"
+
+
+@pytest.mark.parametrize("number", [2, 100, None])
+def test_a_file_sets_no_limit_of_its_own(tmp_path: Path, number: int | None) -> None:
+    section = {**DRAWN, "development": number}
+    with pytest.raises(ConfigError, match="unknown key 'development'"):
+        load_plant(population(tmp_path, randomise=section), ROBOT)
 
 
 # -- both laws --------------------------------------------------------------------------------------------------------
@@ -237,7 +262,7 @@ def test_a_list_is_no_way_out_of_a_plant_that_extends_itself(tmp_path: Path) -> 
 
 
 def test_integers_are_drawn_with_both_ends(tmp_path: Path) -> None:
-    drawing = {**DRAWN, "integers": {"transport.command_delay": [1, 3]}, "development": None}
+    drawing = {**DRAWN, "integers": {"transport.command_delay": [1, 3]}}
     path = population(tmp_path, randomise=drawing)
     drawn = [load_plant(path, ROBOT, draw=draw).transport.command_delay for draw in range(90)]
     assert set(drawn) == {1, 2, 3}
@@ -261,8 +286,6 @@ def test_offsets_are_added_to_each_joint(tmp_path: Path) -> None:
         ({"offsets": {"friction.riple": [0.0, 0.1]}}, "did you mean friction.ripple"),
         ({"offsets": {"friction.ripple": [0.1, 0.0]}}, "above the upper"),
         ({"offsets": {"friction.ripple": [-0.5, -0.4]}}, "ripple"),
-        ({"development": 0}, "development"),
-        ({"development": "all"}, "development"),
         ({"days": {"factors": {}}}, "values"),
         ({"days": {**DAYS, "factors": {"kpp": [1.0, 2.0]}}}, "randomise.days.factors.kpp"),
         ({"days": {**DAYS, "values": {"heat.strt": [1.0, 2.0]}}}, "did you mean heat.start"),

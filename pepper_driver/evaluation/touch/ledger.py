@@ -21,11 +21,11 @@ from pepper_driver.config.errors import reason
 from pepper_driver.config.evaluation_baselines import load_evaluation_baselines
 from pepper_driver.config.file_lock import lock_file
 from pepper_driver.config.files import content_hash, make_folder, write_bytes
-from pepper_driver.config.population import parse_draws
+from pepper_driver.config.population import DEVELOPMENT_DRAWS, parse_draws
 from pepper_driver.evaluation.touch.commit import versions_of, work_tree
 from pepper_driver.evaluation.touch.n90 import MAX_FORCE
 
-FIRST_DRAW, ROBOTS, HUNDRED = 100, 20, 100
+FIRST_DRAW, ROBOTS, HUNDRED = DEVELOPMENT_DRAWS, 20, 100
 """Draw of the first look's first robot; robots of a look; from one look's draws to those of the next."""
 
 T = TypeVar("T")

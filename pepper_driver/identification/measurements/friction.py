@@ -27,6 +27,11 @@ MIN_SAMPLES = 150
 MIN_LOAD_RANGE = 0.3
 """[N m] over which the load of a joint must change before its currents say how strong its motor is."""
 
+SMALL_CURRENT = 2.0
+"""Steps of the current sensor, on average in a sweep: of smaller currents noise and steps change the size."""
+
+MISREAD = 0.01
+"""Fraction of readings that may be anything: single ones must not decide."""
 
 GRAVITY = 9.81
 """[m/s2]"""
@@ -74,7 +79,8 @@ def measure_friction(
     """Measure the friction of a joint that sweeps slowly to and fro.
 
     The current has no sign. Its size is fitted by abs(F d + s tau + c): friction F against the direction d of the
-    motion, load tau of the model of the robot with its scale s, and a constant c.
+    motion, load tau of the model of the robot with its scale s, and a constant c. Where the current is as small as the
+    steps of its sensor, as at a wrist, noise makes its size larger on average: it is fitted too.
 
     Args:
         recordings: With the sweeps of the joint, and perhaps others.
@@ -89,7 +95,11 @@ def measure_friction(
     current, direction, load = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     if min(np.count_nonzero(direction > 0), np.count_nonzero(direction < 0)) < MIN_SAMPLES:
         return None
-    torque = current * robot.motors.joint_torque_constant(joint)
+    constant = robot.motors.joint_torque_constant(joint)
+    torque, step = constant * current, constant * robot.sensors.current.step
+    if float(torque.mean()) < SMALL_CURRENT * step:
+        friction = _fit_small(torque, direction, load, step)
+        return MeasuredFriction(friction=friction, load_scale=None, samples=len(torque))
     scaled = float(np.ptp(load)) > MIN_LOAD_RANGE
     friction, scale = _fit(torque, direction, load, scaled=scaled)
     return MeasuredFriction(
@@ -231,3 +241,35 @@ def _fit(
                 best = end
     assert best is not None
     return float(best.x[0]), float(best.x[2])
+
+
+def _fit_small(torque: FloatArray, direction: FloatArray, load: FloatArray, step: float) -> float:
+    """Return the friction [N m] that makes (n,) readings in whole steps [N m] most likely, at the best noise."""
+    from scipy.optimize import minimize
+    from scipy.special import ndtr
+
+    # Each reading stands for all sizes that it is the nearest step of.
+    lower, upper = np.maximum(torque - 0.5 * step, 0.0), torque + 0.5 * step
+    # Also those that noise has turned round.
+    bounds = np.stack((upper, -lower, lower, -upper))
+    anything = MISREAD * step / (float(torque.max()) + step)
+
+    def unlikelihood(point: FloatArray) -> float:
+        friction, scale, constant, log_noise = point
+        true = friction * direction + scale * load + constant
+        parts = ndtr((bounds - true) / np.exp(log_noise))
+        fractions = parts[0] - parts[2] + parts[1] - parts[3]
+        return -float(np.log((1.0 - MISREAD) * fractions + anything).sum())
+
+    mean = float(torque.mean())
+    quiet, half, loud = (float(np.log(part * step)) for part in (0.1, 0.5, 4.0))
+    ends = [
+        minimize(
+            unlikelihood,
+            np.array((0.5 * mean, 1.5, constant * mean, half)),
+            method="L-BFGS-B",
+            bounds=((0.0, None), (0.2, 8.0), (None, None), (quiet, loud)),
+        )
+        for constant in (-0.5, 0.0, 0.5)
+    ]
+    return float(min(ends, key=lambda end: end.fun).x[0])

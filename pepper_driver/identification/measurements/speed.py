@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_driver.config import RobotConfig
-from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.observer import Recording
 
 MIDDLE = (0.3, 0.7)
@@ -28,10 +28,16 @@ STILL = 0.02
 REACHED = 0.92
 """Fraction of the speed told that a joint reaches which follows."""
 
+MIN_LIMITED = 2
+"""Moves in which a joint must run slower than that: a single one may be a sample that was lost."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ReachedSpeed:
     """Speeds of one joint in its fastest moves, medians.
+
+    Recorded robots hold most moves at a limit, and let others run twice as fast. Where moves were held, they alone
+    count: a command can rely on their speed.
 
     Attributes:
         told: Of the command in the middle of a move [rad/s].
@@ -65,20 +71,24 @@ def measure_speed(recording: Recording, joint: str, robot: RobotConfig) -> Reach
         if abs(goal - start) < MIN_WAY:
             continue
         later = end + round(FOLLOWING_TIME / recording.cycle)
+        fresh = recording.age[begin:later] < 0.5 * recording.cycle
         speeds = [
-            _middle_speed((values[begin:later] - start) / (goal - start), recording.cycle)
-            for values in (command, position)
+            _middle_speed((values[begin:later] - start) / (goal - start), used, recording.cycle)
+            for values, used in ((command, np.ones_like(fresh)), (position, fresh))
         ]
         if np.isfinite(speeds).all():
             told.append(abs(goal - start) * speeds[0])
             reached.append(abs(goal - start) * speeds[1])
     if not told:
         return None
-    fastest = np.array(told) >= FASTEST * max(told)
+    counted = np.array(told) >= FASTEST * max(told)
+    held = counted & (np.array(reached) < REACHED * np.array(told))
+    if np.count_nonzero(held) >= MIN_LIMITED:
+        counted = held
     return ReachedSpeed(
-        told=float(np.median(np.array(told)[fastest])),
-        reached=float(np.median(np.array(reached)[fastest])),
-        moves=int(np.count_nonzero(fastest)),
+        told=float(np.median(np.array(told)[counted])),
+        reached=float(np.median(np.array(reached)[counted])),
+        moves=int(np.count_nonzero(counted)),
     )
 
 
@@ -89,14 +99,16 @@ def _moves(command: FloatArray, cycle: float) -> list[tuple[int, int]]:
     return [(int(a), int(b) + 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _middle_speed(part: FloatArray, cycle: float) -> float:
-    """Return the speed over the middle of a move of length 1 [1/s]; NaN where it does not get so far."""
+def _middle_speed(part: FloatArray, used: BoolArray, cycle: float) -> float:
+    """Return the speed over the middle of a move of length 1 [1/s], of the samples used; NaN if it ends before."""
+    ticks = np.flatnonzero(used)
     crossings = []
     for level in MIDDLE:
-        beyond = np.flatnonzero(part >= level)
+        beyond = np.flatnonzero(part[ticks] >= level)
         if not len(beyond) or beyond[0] == 0:
             return float("nan")
-        k = int(beyond[0])
-        crossings.append(k - float((part[k] - level) / (part[k] - part[k - 1])))
+        before, after = ticks[beyond[0] - 1], ticks[beyond[0]]
+        rest = (part[after] - level) / (part[after] - part[before])
+        crossings.append(float(after - rest * (after - before)))
     first, second = crossings
     return (MIDDLE[1] - MIDDLE[0]) / max((second - first) * cycle, cycle)

@@ -230,26 +230,27 @@ def test_draws_for_tests_are_refused_before_anything_moves(
 
 
 @pytest.fixture
-def few(tmp_path: Path) -> str:
-    """The population with two draws for development: the robots that are held out here are not those for tests."""
-    path = tmp_path / "few.yaml"
-    path.write_text("name: few\ndescription: few\nextends: random\nrandomise: {development: 2}\n")
+def other(tmp_path: Path) -> str:
+    """Another population: its robots that are held out are not those of the test split."""
+    path = tmp_path / "other.yaml"
+    section = "{factors: {kp: [0.9, 1.1]}, values: {}, model_error: [0.0, 0.0]}"
+    path.write_text(f"name: other\ndescription: other\nextends: nominal\nrandomise: {section}\n")
     return f"mujoco://?plant={path}"
 
 
 def test_inside_the_block_draws_for_tests_are_identified_in_other_processes(
-    tmp_path: Path, few: str
+    tmp_path: Path, other: str
 ) -> None:
     with allow_test_draws():
-        robots = identified(tmp_path / "out", 2, 3, workers=2, uri=few)
+        robots = identified(tmp_path / "out", 100, 101, workers=2, uri=other)
     assert [one.state for one in robots] == ["identified", "identified"]
-    assert [one.name for one in robots] == ["few-2", "few-3"]
+    assert [one.name for one in robots] == ["other-100", "other-101"]
     with pytest.raises(HeldOutDrawError):
-        identified(tmp_path / "out", 2, workers=2, uri=few)
+        identified(tmp_path / "out", 100, workers=2, uri=other)
 
 
 def test_inside_the_block_every_robot_is_allowed_however_late_it_is_sent(
-    tmp_path: Path, few: str, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, other: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Other threads send the later jobs."""
 
@@ -264,7 +265,7 @@ def test_inside_the_block_every_robot_is_allowed_however_late_it_is_sent(
     )
     monkeypatch.setattr(population_module, "fit_folder", lambda *_, **__: ended("it is there"))
     with allow_test_draws():
-        robots = identified(tmp_path / "out", 2, 3, uri=few)
+        robots = identified(tmp_path / "out", 100, 101, uri=other)
     assert [one.reason for one in robots] == ["it is there", "it is there"]
 
 

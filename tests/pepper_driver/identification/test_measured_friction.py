@@ -60,6 +60,22 @@ def test_a_load_that_hardly_changes_tells_no_scale() -> None:
     assert found.friction == pytest.approx(0.5, abs=0.1)
 
 
+@pytest.mark.parametrize("noise", [0.004, 0.012])
+def test_a_friction_whose_current_is_less_than_a_step_of_its_sensor_is_found(noise: float) -> None:
+    """Of the size of such a current more than half is noise."""
+    friction, scale, wrist = 0.006, 1.5, ROBOT.joint_index("LWristYaw")
+    constant, step = ROBOT.motors.joint_torque_constant("LWristYaw"), ROBOT.sensors.current.step
+    run = sweeps(0.0, 0.0, 0.0, gravity=0.004)
+    torque = friction * np.sign(run.velocity[:, wrist]) + scale * run.load_torque[:, wrist]
+    drawn = noise * np.random.default_rng(6).standard_normal(len(run))
+    current = run.current.copy()
+    current[:, wrist] = np.rint(np.abs(torque / constant + drawn) / step) * step
+    found = measure_friction([replace(run, current=current)], "LWristYaw", ROBOT)
+    assert found is not None
+    assert found.friction == pytest.approx(friction, rel=0.25)
+    assert found.load_scale is None
+
+
 @pytest.mark.parametrize("speed", [0.02, 0.8])
 def test_a_motion_that_is_too_slow_or_too_fast_tells_nothing(speed: float) -> None:
     assert measure_friction([sweeps(0.5, 1.0, 0.0, speed=speed)], JOINT, ROBOT) is None

@@ -55,6 +55,35 @@ def test_a_joint_that_falls_behind_shows_its_speed(limit: float, told: float) ->
     assert found.moves == 8
 
 
+@pytest.mark.parametrize("fast", [2, 6])
+def test_moves_that_run_faster_now_and_then_do_not_hide_the_limit(fast: int) -> None:
+    command = moves(2.5)
+    one = len(moves(2.5, count=1)) - 80
+    position = limited(command, 2.0)
+    # The first moves to and fro are not held.
+    position[: fast // 2 * one] = limited(command, 4.0)[: fast // 2 * one]
+    found = measure_speed(run_of(command, position), JOINT, ROBOT)
+    assert found is not None
+    assert found.limited
+    assert found.reached == pytest.approx(2.0, rel=0.05)
+    assert found.moves == 8 - fast
+
+
+def test_late_samples_make_no_limit() -> None:
+    command = moves(2.0)
+    run = run_of(command, limited(command, 9.0))
+    rng = np.random.default_rng(3)
+    age, position = np.zeros(len(run)), run.position.copy()
+    for k in range(1, len(run)):
+        # The one before is read again, up to three times in a row.
+        if age[k - 1] < 2.5 * CYCLE and rng.random() < 0.3:
+            age[k], position[k] = age[k - 1] + CYCLE, position[k - 1]
+    found = measure_speed(replace(run, position=position, age=age), JOINT, ROBOT)
+    assert found is not None
+    assert not found.limited
+    assert found.reached == pytest.approx(2.0, rel=0.05)
+
+
 def test_small_moves_and_a_joint_that_stands_tell_nothing() -> None:
     small = moves(1.0, way=0.1)
     assert measure_speed(run_of(small, small), JOINT, ROBOT) is None
