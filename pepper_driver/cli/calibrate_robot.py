@@ -21,7 +21,7 @@ from pepper_driver.calibration.recorded_robot import (
 from pepper_driver.cli.console import make_progress
 from pepper_driver.config import PlantConfig, RobotConfig
 from pepper_driver.config.workers import Workers
-from pepper_driver.first_hour.bundle import open_bundle
+from pepper_driver.first_hour.bundle import Part, open_bundle
 from pepper_driver.identification import MANIFEST
 
 
@@ -78,7 +78,8 @@ def _recordings(path: Path) -> Iterator[Path]:
     if (path / MANIFEST).is_file():
         yield path
         return
-    with open_bundle(path, parts=("identification",)) as bundle:
+    parts: tuple[Part, ...] = ("identification",)
+    with open_bundle(path, parts=parts) as bundle:
         yield bundle.identification
 
 

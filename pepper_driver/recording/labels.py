@@ -47,7 +47,7 @@ def recording_of(log: RunLog, robot: RobotConfig) -> Recording:
 def pushes_of(
     log: RunLog, *, link: str | None = None, joint: str | None = None
 ) -> tuple[KnownPush, ...]:
-    """Return the touches of a log's labels. The direction is not known: 0; nor is the force, unless a label has it: NaN.
+    """Return the touches of a log's labels. The direction is not known: 0; nor is the force unless a label has it: NaN.
 
     A touch that was not released counts until the end of the log, a release without an onset not at all; both are
     warned of.
