@@ -119,7 +119,7 @@ def episode_of_log(path: Path) -> Episode:
     return episode_of(read_log(path), path)
 
 
-def episode_of(log: RunLog, path: Path, *, free: bool = False) -> Episode:
+def episode_of(log: RunLog, path: Path, *, labels_only: bool = False) -> Episode:
     """Return a log as an episode.
 
     Labels count where there are any: torques are unknown. Without labels the pushes of a simulated run are those of its
@@ -128,7 +128,7 @@ def episode_of(log: RunLog, path: Path, *, free: bool = False) -> Episode:
     Args:
         log: That was read.
         path: Its file.
-        free: True where it may have no touches: without labels there are none.
+        labels_only: True where there are no touches but those with labels, also in a simulated run.
 
     Raises:
         PepperError: The log is of another robot, or has neither labels nor ground truth.
@@ -136,7 +136,7 @@ def episode_of(log: RunLog, path: Path, *, free: bool = False) -> Episode:
     robot = load_robot()
     recording = recording_of(log, robot)
     contact_torque = np.full(recording.position.shape, np.nan)
-    if free and not log.labels:
+    if labels_only and not log.labels:
         pushes: tuple[KnownPush, ...] = ()
     elif log.labels or log.truth is None:
         pushes = pushes_of(log)

@@ -23,6 +23,7 @@ from pepper_driver.evaluation.touch.records import RobotRecord, Take
 from pepper_driver.first_hour.bundle import Bundle, Part
 from pepper_driver.log import read_log
 from pepper_driver.observer import ModelSet
+from pepper_driver.recording.labels import pushes_of
 
 BUNDLE_OBSERVERS = (
     FUSION,
@@ -71,9 +72,9 @@ class JudgedBundle:
         kind = "a SIMULATED robot, a rehearsal" if self.simulated else "a REAL robot"
         known = sum(touch.force is not None for touch in touches)
         forces = (
-            f"of {known} of them the force is known, by a spring scale"
+            f"of {known} of them the force is known, by a spring scale: an N90 of few touches is a rough one"
             if known
-            else ("of none of them the force is known, so there are shares and no N90")
+            else "of none of them the force is known, so there are shares and no N90"
         )
         lines = [
             f"{name}: {kind}{f', {self.begun[:10]}' if self.begun else ''}. {len(touches)} labelled touches of "
@@ -169,7 +170,11 @@ def _take(
         robot = load_robot()
         path = {"rest": bundle.rest, "free": bundle.free, "touches": bundle.touches}[part]
         log = read_log(path)
-        episode = episode_of(log, path, free=part != "touches")
+        if part == "touches":
+            pushes_of(
+                log
+            )  # raises without labels: a rehearsal has a truth too, and it does not count
+        episode = episode_of(log, path, labels_only=True)
         files = ModelFiles(fusion=bundle.models)
         take = take_of(
             episode,
