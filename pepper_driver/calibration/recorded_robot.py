@@ -23,7 +23,7 @@ from pepper_driver.config import PepperError, PlantConfig, RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.workers import Workers, run_jobs
 from pepper_driver.identification.dataset import load_measurement, read_manifest
-from pepper_driver.identification.measurements.program import measure_robot
+from pepper_driver.identification.measurements.program import MEASUREMENTS, measure_robot
 from pepper_driver.observer import nrmse_fit
 from pepper_driver.observer.models.measured_robot import MeasuredJoint, MeasuredRobot
 
@@ -171,14 +171,13 @@ def calibrate_to(
         PepperError: Recordings that are missing, damaged or of another robot; no current answers a command.
     """
     manifest = read_manifest(folder)
-    if not manifest.measured_by:
+    measurement = load_measurement(folder, robot)
+    if missing := [name for name in MEASUREMENTS if name not in measurement]:
         raise RobotCalibrationError(
-            f"{folder}: this robot was not measured (delay, friction, speed); 'pepper identify' does so unless it is "
+            f"{folder}: this robot was not measured ({', '.join(missing)}); 'pepper identify' does so unless it is "
             "told --no-measure"
         )
-    facts = measure_robot(
-        load_measurement(folder, robot), manifest.response_delay, robot, manifest.weight
-    )
+    facts = measure_robot(measurement, manifest.response_delay, robot, manifest.weight)
     runs = load_runs(folder, manifest, facts.response_delay, robot)
     fitted_to = [run for run in runs if not run.held_out]
     moved = _moved(fitted_to, robot)
