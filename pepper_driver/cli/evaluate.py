@@ -265,6 +265,8 @@ def _evaluate_logs(
 ) -> int:
     """Score logs; print, save and write what was asked for."""
     chosen = replace(chosen, modes=chosen.of_suite(LOG))
+    if not chosen.modes:
+        raise ConfigError("no observer has models: " + "; ".join(chosen.notes))
     with chosen_workers(workers, cluster, console) as pool:
         if isinstance(pool, Cluster):
             _check_files(pool, None, [*(file.path for file in chosen.files), *logs])
