@@ -21,6 +21,7 @@ from pepper_driver.identification.dataset import Manifest, RunEntry, recording_p
 from pepper_driver.observer import Recording, RecordingBuilder
 from pepper_driver.observer.models.measured_robot import MeasuredJoint, MeasuredRobot
 from pepper_driver.robot import Pepper
+from support.evaluation import recording as still
 from support.first_hour import make_hour, manifest
 
 ROBOT = load_robot()
@@ -112,7 +113,9 @@ def test_a_robot_replays_its_own_commands_and_another_does_not(
     assert rms(replay(ROBOT, NOMINAL, run_), run_) > 0.5
     # Rows that were not recorded are commands that were sent all the same.
     kept = np.arange(len(moves)) % 5 != 3
-    columns = {field.column: getattr(moves, field.column)[kept] for field in RECORDED_FIELDS}
+    columns: dict[str, Any] = {
+        field.column: getattr(moves, field.column)[kept] for field in RECORDED_FIELDS
+    }
     fewer = replace(run_, recording=Recording(joint_names=moves.joint_names, **columns))
     assert rms(replay(ROBOT, true, fewer), fewer) < 0.1
 
@@ -164,16 +167,7 @@ def test_a_known_weight_tells_masses_from_motors() -> None:
     joint = MeasuredJoint(
         encoder_noise=0.0, current_noise=0.0, load_scale=1.5 / 0.8, torque_scale=1.0 / 0.8
     )
-    blank = Recording(
-        **{"joint_names": ROBOT.joint_names},
-        **{
-            field.column: np.zeros((2, *_shape(field.column)), field.type)
-            if field.column != "time"
-            else np.array([0.0, ROBOT.cycle])
-            for field in RECORDED_FIELDS
-        },
-    )
-    runs = [RecordedRun(name="x", held_out=False, recording=blank, pairing=0)]
+    runs = [RecordedRun(name="x", held_out=False, recording=still(0.5), pairing=0)]
 
     def fitted(fact: MeasuredJoint) -> PlantConfig:
         return with_facts(NOMINAL, replace(FACTS, joints={"LElbowRoll": fact}), runs, ROBOT)
@@ -186,14 +180,6 @@ def test_a_known_weight_tells_masses_from_motors() -> None:
     plant = fitted(replace(joint, torque_scale=None))
     assert plant.actuator("LElbowRoll").efficiency == pytest.approx(0.8 / 1.5, rel=1e-3)
     assert not plant.body.masses
-
-
-def _shape(column: str) -> tuple[int, ...]:
-    shapes = {"time": (), "age": ()}
-    wheels = ("base_twist", "sent_wheel_speed", "wheel_speed", "linear_acceleration")
-    if column in (*wheels, "angular_velocity", "attitude"):
-        return (3,)
-    return shapes.get(column, (len(ROBOT.joint_names),))
 
 
 def test_a_lead_is_changed_and_otherwise_kept() -> None:
