@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from math import inf, log
 
 import numpy as np
@@ -37,12 +37,14 @@ class DriveValues:
         friction: Coulomb friction of both sides together while the teeth touch [N m].
         dead_band: [rad] of the board.
         integral_time: kp / ki [s]; infinite without an integral part.
+        lead: kd / kp [s]; None for what the plant has.
     """
 
     stiffness: float
     friction: float
     dead_band: float = 0.0
     integral_time: float = inf
+    lead: float | None = None
 
 
 def torque_constant(robot: RobotConfig, plant: PlantConfig, joint: str) -> float:
@@ -73,6 +75,12 @@ def values_of(robot: RobotConfig, plant: PlantConfig, joint: str) -> DriveValues
     )
 
 
+def drive_values(robot: RobotConfig, plant: PlantConfig, joint: str) -> DriveValues:
+    """Return the values that a joint has in a plant, its lead among them."""
+    drive = plant.actuator(joint)
+    return replace(values_of(robot, plant, joint), lead=drive.kd / drive.kp)
+
+
 def with_values(
     robot: RobotConfig,
     plant: PlantConfig,
@@ -99,7 +107,10 @@ def with_values(
     drives = []
     for drive in plant.actuators:
         for name in drive.joints:
-            changed = _changed(robot, drive, name, required[name]) if name in required else drive
+            kind: Origin = "computed" if name in OF_THE_SAME_MOTOR else "calibrated"
+            changed = drive
+            if name in required:
+                changed = changed_drive(robot, drive, name, required[name], kind)
             drives.append(replace(changed, joints=(name,)))
     transport = plant.transport
     if delay is not None:
@@ -108,7 +119,18 @@ def with_values(
     return replace(plant, actuators=tuple(drives), transport=transport)
 
 
-def _changed(robot: RobotConfig, drive: Actuator, joint: str, values: DriveValues) -> Actuator:
+def changed_drive(
+    robot: RobotConfig, drive: Actuator, joint: str, values: DriveValues, origin: Origin
+) -> Actuator:
+    """Return the drive of a joint with other values; friction keeps its distribution over motor, link and gap.
+
+    Args:
+        robot: The robot.
+        drive: Source of all other values.
+        joint: Its name.
+        values: That it is to have.
+        origin: Of these values.
+    """
     constant = drive.efficiency * robot.motors.joint_torque_constant(joint)
     kp = values.stiffness * robot.motors.of(joint).resistance / constant
     friction, contact = drive.friction, drive.friction.contact
@@ -116,11 +138,11 @@ def _changed(robot: RobotConfig, drive: Actuator, joint: str, values: DriveValue
     return replace(
         drive,
         kp=_rounded(kp),
-        kd=_rounded(drive.kd * kp / drive.kp),
+        kd=_rounded(kp * (drive.kd / drive.kp if values.lead is None else values.lead)),
         ki=_rounded(kp / values.integral_time),
         dead_band=_rounded(values.dead_band),
         friction=_scaled(friction, fraction),
-        origin=_origin(drive, joint),
+        origin=_origin(drive, origin),
     )
 
 
@@ -143,9 +165,8 @@ def _rounded(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-def _origin(drive: Actuator, joint: str) -> dict[Origin, tuple[str, ...]]:
-    """Origins with the fitted values moved to where they belong; the head's are computed from the elbows'."""
-    kind: Origin = "computed" if joint in OF_THE_SAME_MOTOR else "calibrated"
+def _origin(drive: Actuator, kind: Origin) -> dict[Origin, tuple[str, ...]]:
+    """Origins with the fitted values moved to where they belong."""
     kept = {k: tuple(key for key in keys if key not in FITTED) for k, keys in drive.origin.items()}
     return kept | {kind: FITTED + kept.get(kind, ())}
 
@@ -162,30 +183,49 @@ def plant_text(
         extends: Name or absolute path of ``base``.
         comment: Lines for the head of the file.
     """
-    transport, board = plant.transport, plant.board
+    board = plant.board
     lines = [f"# {line}".rstrip() for line in comment.splitlines()]
     lines += [
         f"name: {json.dumps(name)}",
         f"description: {json.dumps(f'{base.name}, calibrated')}",
         f"extends: {json.dumps(extends)}",
         f"board: {{integral_band: {board.integral_band!r}}}",
-        f"transport: {{command_delay: {transport.command_delay}, sensor_delay: {transport.sensor_delay}}}",
+        *_section_lines(
+            "transport",
+            asdict(base.transport),
+            asdict(plant.transport),
+            "command_delay",
+            "sensor_delay",
+        ),
+        *_section_lines("targets", asdict(base.targets), asdict(plant.targets)),
+        *_section_lines("body", asdict(base.body), asdict(plant.body)),
         "joints:",
     ]
     for drive in plant.actuators:
         for joint in drive.joints:
             before = base.actuator(joint)
             if replace(drive, joints=before.joints) != before:
-                lines += _drive_lines(joint, drive)
+                lines += _drive_lines(joint, before, drive)
     return "\n".join(lines) + "\n"
 
 
-def _drive_lines(joint: str, drive: Actuator) -> list[str]:
+def _section_lines(
+    key: str, base: Mapping[str, object], section: Mapping[str, object], *always: str
+) -> list[str]:
+    """Return one line with the values of a section that differ from those of ``base``, and those named."""
+    changed = {k: v for k, v in section.items() if k in always or v != base[k]}
+    return [f"{key}: {json.dumps(changed)}"] if changed else []
+
+
+def _drive_lines(joint: str, before: Actuator, drive: Actuator) -> list[str]:
     contact, gap = drive.friction.contact, drive.friction.gap
     origin = ", ".join(f"{kind}: [{', '.join(keys)}]" for kind, keys in drive.origin.items())
+    keys = ["kp", "ki", "kd", "dead_band"]
+    if drive.efficiency != before.efficiency:
+        keys.append("efficiency")
     return [
         f"  {joint}:",
-        *(f"    {key}: {getattr(drive, key)!r}" for key in ("kp", "ki", "kd", "dead_band")),
+        *(f"    {key}: {getattr(drive, key)!r}" for key in keys),
         "    friction:",
         f"      contact: {{motor: {contact.motor!r}, link: {contact.link!r}}}",
         f"      gap: {{motor: {gap.motor!r}, link: {gap.link!r}}}",

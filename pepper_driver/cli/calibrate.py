@@ -16,6 +16,7 @@ from pepper_driver.calibration.calibrate import CalibrationMetric, CalibrationRe
 from pepper_driver.calibration.drive import plant_text
 from pepper_driver.calibration.fit import Fitted, fit_integral, fit_pd
 from pepper_driver.calibration.plot import plot_calibration
+from pepper_driver.cli.calibrate_robot import calibrate_robot, robot_plant_text
 from pepper_driver.cli.console import (
     ClusterOption,
     JsonOption,
@@ -79,6 +80,14 @@ START = {"pd": "nominal", "integral": "integral"}
 
 
 def calibrate(
+    recordings: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="PATH",
+            help="Fit a plant to one robot instead: bundle of 'pepper first-hour', or folder of 'pepper identify"
+            " --recordings'.",
+        ),
+    ] = None,
     law: Annotated[
         Law, typer.Option("--control-law", help="Control law of the boards to fit.")
     ] = "pd",
@@ -106,8 +115,14 @@ def calibrate(
     workers: WorkersOption = None,
     cluster: ClusterOption = None,
 ) -> None:
-    """Fit the simulated robot to recordings of real ones, or check how near it comes. Simulation only."""
+    """Fit the simulated robot to recordings of real ones, or check how near it comes. No robot is moved."""
     console = make_console()
+    if recordings is not None:
+        for option, given in (("--check", only_check), ("--plot", plot is not None)):
+            if given:
+                raise ConfigError(
+                    f"{option} and --recordings exclude each other: it is about config/recordings.yaml"
+                )
     if only_check and out is not None:
         raise ConfigError("--check fits nothing, so there is no plant for --out to write")
     if out is not None and out.suffix not in (".yaml", ".yml"):
@@ -132,6 +147,15 @@ def calibrate(
         raise ConfigError(f"{out}: this is the plant to begin from; choose another file for --out")
     if law == "integral" and not only_check and not any(d.ki for d in start.actuators):
         raise ConfigError(f"{start.source}: no board has an integral part to fit")
+    if recordings is not None:
+        with chosen_workers(workers, cluster, console) as pool:
+            named = out.stem if out else f"{start.name}, fitted"
+            found = calibrate_robot(console, recordings, start, robot, named, pool)
+        if out is not None:
+            write_text(out, robot_plant_text(found, start, _extends(name)))
+            console.print(f"plant: {out}")
+        save_json(json_file, found.as_json(), console)
+        return
     tested = start
     fitted: Fitted | None = None
     with chosen_workers(workers, cluster, console) as pool:
@@ -180,14 +204,18 @@ def _fit(
 
 
 def _text(name: str, start: PlantConfig, fitted: Fitted, out: Path) -> str:
-    shipped = name in plant_names()
     return plant_text(
         start,
         fitted.plant,
         name=out.stem,
-        extends=name if shipped else str(Path(name).resolve()),
+        extends=_extends(name),
         comment="Fitted by `pepper calibrate` to config/recordings.yaml, in simulation; see docs/plant.md.",
     )
+
+
+def _extends(name: str) -> str:
+    """Return how a plant file names the plant that it extends."""
+    return name if name in plant_names() else str(Path(name).resolve())
 
 
 def _print_fit(console: Console, fitted: Fitted) -> None:

@@ -23,6 +23,11 @@ from pepper_driver.cli.console import (
     make_progress,
     save_json,
 )
+from pepper_driver.cli.evaluate_bundle import (
+    bundles_of,
+    evaluate_bundles,
+    write_bundle_report,
+)
 from pepper_driver.cli.evaluate_split import (
     DEFAULT_FOLDER,
     SplitOptions,
@@ -137,7 +142,8 @@ def evaluate_command(
         list[Path] | None,
         typer.Option(
             metavar="FILE",
-            help="Score a log instead: of any simulated run, or of 'pepper record --label'.",
+            help="Score a log instead: of any simulated run, or of 'pepper record --label'. Or the bundle of 'pepper"
+            " first-hour', folder or archive, by its own models.",
         ),
     ] = None,
     more_logs: Annotated[
@@ -177,6 +183,20 @@ def evaluate_command(
                 last_look=last_look,
                 folder=folder,
             ),
+            workers=workers,
+            cluster=cluster,
+            json_file=json_file,
+            report=report,
+        )
+    if logs and suite is None and bundles_of(logs):
+        if models:
+            raise ConfigError(
+                "--models and a bundle exclude each other: a bundle has the models of its own robot"
+            )
+        return _evaluate_bundles(
+            console,
+            logs,
+            None if mode is None else _names(mode),
             workers=workers,
             cluster=cluster,
             json_file=json_file,
@@ -245,6 +265,8 @@ def _evaluate_logs(
 ) -> int:
     """Score logs; print, save and write what was asked for."""
     chosen = replace(chosen, modes=chosen.of_suite(LOG))
+    if not chosen.modes:
+        raise ConfigError("no observer has models: " + "; ".join(chosen.notes))
     with chosen_workers(workers, cluster, console) as pool:
         if isinstance(pool, Cluster):
             _check_files(pool, None, [*(file.path for file in chosen.files), *logs])
@@ -268,6 +290,29 @@ def _evaluate_logs(
         )
         console.print(f"report: {report}")
     return 1 if failures else 0
+
+
+def _evaluate_bundles(
+    console: Console,
+    paths: Sequence[Path],
+    observers: Sequence[str] | None,
+    *,
+    workers: int | None,
+    cluster: str | None,
+    json_file: Path | None,
+    report: Path | None,
+) -> int:
+    """Judge bundles of a first hour; print, save and write what was asked for."""
+    check_outputs(json_file)
+    if report is not None:
+        _check_report(report)
+    with chosen_workers(workers, cluster, console) as pool:
+        found = evaluate_bundles(console, paths, observers, pool)
+    save_json(json_file, found.as_json(), console)
+    if report is not None:
+        with lock_file(report):
+            write_bundle_report(console, found, report)
+    return 1 if found.failures else 0
 
 
 def _evaluate_split(

@@ -34,7 +34,8 @@ from pepper_driver.evaluation.observers_under_test import (
 from pepper_driver.evaluation.quiet import quiet
 from pepper_driver.evaluation.results import EpisodeInfo, EvaluationResult, Failure
 from pepper_driver.evaluation.true_pushes import true_pushes
-from pepper_driver.log import read_log
+from pepper_driver.log import RunLog, read_log
+from pepper_driver.observer import KnownPush
 from pepper_driver.recording.labels import pushes_of, recording_of
 
 INTEGRAL = "-integral"
@@ -110,19 +111,34 @@ def _pictured(run: SuiteRun, robot: RobotConfig) -> str | None:
 
 
 def episode_of_log(path: Path) -> Episode:
-    """Return a log as an episode.
-
-    Labels count where there are any: their pushes have no size, and torques are unknown. Without labels the pushes of
-    a simulated run are those of its ground truth.
+    """Return a log as an episode; see :func:`episode_of`.
 
     Raises:
         PepperError: The log is damaged, of another robot, or has neither labels nor ground truth.
     """
+    return episode_of(read_log(path), path)
+
+
+def episode_of(log: RunLog, path: Path, *, labels_only: bool = False) -> Episode:
+    """Return a log as an episode.
+
+    Labels count where there are any: torques are unknown. Without labels the pushes of a simulated run are those of its
+    ground truth.
+
+    Args:
+        log: That was read.
+        path: Its file.
+        labels_only: True where there are no touches but those with labels, also in a simulated run.
+
+    Raises:
+        PepperError: The log is of another robot, or has neither labels nor ground truth.
+    """
     robot = load_robot()
-    log = read_log(path)
     recording = recording_of(log, robot)
     contact_torque = np.full(recording.position.shape, np.nan)
-    if log.labels or log.truth is None:
+    if labels_only and not log.labels:
+        pushes: tuple[KnownPush, ...] = ()
+    elif log.labels or log.truth is None:
         pushes = pushes_of(log)
     else:
         pushes = true_pushes(log, robot)

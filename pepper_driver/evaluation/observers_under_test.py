@@ -9,8 +9,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from pepper_driver.backends import Command, make_backend, with_query
-from pepper_driver.backends.motion_profile import minimum_jerk
+from pepper_driver.backends import make_backend, with_query
+from pepper_driver.calibration.replayed import drive_along
 from pepper_driver.config import (
     PepperError,
     RobotConfig,
@@ -36,9 +36,6 @@ from pepper_driver.observer import (
 )
 from pepper_driver.observer.models.model_file import ModelKind
 from pepper_driver.observers import find_models, make_observer
-
-APPROACH, REST = 2.0, 1.0
-"""[s] to reach the first posture of a recording, and to come to rest there."""
 
 PAPER_THRESHOLD = float(np.radians(2.5))
 
@@ -67,28 +64,15 @@ def untouched_error(recording: Recording, uri: str, robot: RobotConfig) -> Float
     assert plant is not None  # of MuJoCo
     delay = plant.transport.command_delay
     rows = [*range(len(recording)), *[len(recording) - 1] * delay]
-    positions = []
     with backend:
-        backend.open()
-        start = np.clip(backend.activate().position, robot.lower, robot.upper)
-        first = recording.sent_position[0]
-        path = minimum_jerk(np.linspace(0.0, 1.0, round(APPROACH / robot.cycle)))
-        for fraction in (*path, *[1.0] * round(REST / robot.cycle)):
-            backend.exchange(
-                Command(
-                    position=start + fraction * (first - start),
-                    stiffness=recording.stiffness[0],
-                    wheel_speed=np.zeros(3),
-                )
-            )
-        for row in rows:
-            command = Command(
-                position=recording.sent_position[row],
-                stiffness=recording.stiffness[row],
-                wheel_speed=recording.sent_wheel_speed[row],
-            )
-            backend.exchange(command)
-            positions.append(backend.truth.position.copy())
+        driven = drive_along(
+            backend,
+            recording.sent_position[rows],
+            recording.stiffness[rows],
+            recording.sent_wheel_speed[rows],
+            robot,
+        )
+        positions = [backend.truth.position.copy() for _ in driven]
     error: FloatArray = recording.sent_position - np.array(positions[delay:])
     return error
 

@@ -147,6 +147,7 @@ class Label:
         link: What is touched; None where the user named no link.
         joint: The last joint of its chain that moves ``link``; None on trunk and base, and where the user named no
             link.
+        force: That the person was asked for, with a spring scale [N]; None where it is unknown.
     """
 
     time: float
@@ -154,6 +155,7 @@ class Label:
     source: str
     link: str | None = None
     joint: str | None = None
+    force: float | None = None
 
 
 LABELS = JsonTopic(
@@ -165,8 +167,9 @@ LABELS = JsonTopic(
         "source": {"type": "string"},
         "link": {"type": "string"},
         "joint": {"type": "string"},
+        "force": {"type": "number", "description": "[N]"},
     },
-    optional=frozenset({"link", "joint"}),
+    optional=frozenset({"link", "joint", "force"}),
 )
 
 

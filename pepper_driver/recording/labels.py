@@ -47,7 +47,7 @@ def recording_of(log: RunLog, robot: RobotConfig) -> Recording:
 def pushes_of(
     log: RunLog, *, link: str | None = None, joint: str | None = None
 ) -> tuple[KnownPush, ...]:
-    """Return the touches of a log's labels. Size and direction are not known: NaN and 0.
+    """Return the touches of a log's labels. The direction is not known: 0; nor is the force unless a label has it: NaN.
 
     A touch that was not released counts until the end of the log, a release without an onset not at all; both are
     warned of.
@@ -92,7 +92,7 @@ def _push(onset: Label, release: float, link: str | None, joint: str | None) -> 
         joint=joint,
         link=link,
         direction=0,
-        force=math.nan,
+        force=math.nan if onset.force is None else onset.force,
         torque=math.nan,
         degrees=math.nan,
         onset=onset.time,
@@ -119,13 +119,19 @@ class Labeller:
         pressed: Whether it is, given a measurement.
         link: The touched link; None if unknown.
         joint: The last joint of its chain that moves the link; None on trunk and base.
+        force: Of a touch with a spring scale [N]; None if unknown.
     """
 
     def __init__(
-        self, source: LabelSource, pressed: Pressed, link: str | None, joint: str | None
+        self,
+        source: LabelSource,
+        pressed: Pressed,
+        link: str | None,
+        joint: str | None,
+        force: float | None = None,
     ) -> None:
         self._source, self._pressed = source, pressed
-        self._link, self._joint = link, joint
+        self._link, self._joint, self._force = link, joint, force
         self._ready = source == "key"
         self._touched = False
 
@@ -145,12 +151,17 @@ class Labeller:
 
     def _label(self, time: float, phase: LabelPhase) -> Label:
         return Label(
-            time=time, phase=phase, source=self._source, link=self._link, joint=self._joint
+            time=time,
+            phase=phase,
+            source=self._source,
+            link=self._link,
+            joint=self._joint,
+            force=self._force,
         )
 
 
 class PromptedLabeller:
-    """Makes labels of touches that prompts ask for, one after the other, each of its own place.
+    """Makes labels of touches that prompts ask for, one after the other, each of its own place and force.
 
     A touch that lasts into the next prompt keeps its place.
 
@@ -166,7 +177,8 @@ class PromptedLabeller:
     ) -> None:
         self._prompts = prompts
         self._labellers = [
-            make_labeller(source, robot, space_bar, link=touch.link) for touch in prompts.touches
+            make_labeller(source, robot, space_bar, link=touch.link, force=touch.force)
+            for touch in prompts.touches
         ]
         self._began: float | None = None
         self._number = 0
@@ -200,6 +212,7 @@ def make_labeller(
     *,
     link: str | None = None,
     joint: str | None = None,
+    force: float | None = None,
 ) -> Labeller:
     """Return a labeller of a source.
 
@@ -209,6 +222,7 @@ def make_labeller(
         space_bar: What the source ``key`` is.
         link: What is touched; by default the link of the sensor, and unknown for a key.
         joint: The last joint that moves the link; by default the one that carries it.
+        force: Of a touch with a spring scale [N]; None if unknown.
 
     Raises:
         UnknownNameError: No such source, link or joint.
@@ -218,7 +232,7 @@ def make_labeller(
     if name is None:
         raise UnknownNameError("label", source, get_args(LabelSource))
     if name == "key":
-        return Labeller(name, lambda _: space_bar.on, *_place(robot, link, joint))
+        return Labeller(name, lambda _: space_bar.on, *_place(robot, link, joint), force)
     sensors = robot.sensors.bumpers if name == "bumper" else robot.sensors.touch
     beginning = _TOUCH.get(name, "")
     places = [k for k, sensor in enumerate(sensors) if sensor.startswith(beginning)]
@@ -231,7 +245,7 @@ def make_labeller(
         values = measurement.bumpers if name == "bumper" else measurement.touch
         return bool(values[places].any())
 
-    return Labeller(name, pressed, *_place(robot, link, joint))
+    return Labeller(name, pressed, *_place(robot, link, joint), force)
 
 
 def _place(

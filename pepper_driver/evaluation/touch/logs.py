@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -57,10 +58,11 @@ def _judge_log(path: Path, observers: ObserversUnderTest) -> RobotRecord | LogFa
     try:
         return record_of_log(path, observers)
     except Exception as error:  # one log that fails must not cost the others
-        return LogFailure(path=path, reason=_reason(error))
+        return LogFailure(path=path, reason=reason_of(error))
 
 
-def _reason(error: Exception) -> str:
+def reason_of(error: Exception) -> str:
+    """Return what went wrong in one line, with the kind of an error that is none of this package."""
     text = " ".join(str(error).split())
     return text if isinstance(error, PepperError) else f"{type(error).__name__}: {text}"
 
@@ -72,17 +74,47 @@ def record_of_log(path: Path, observers: ObserversUnderTest) -> RobotRecord:
         PepperError: The log is damaged, of another robot, or has neither labels nor ground truth.
     """
     robot, episode = load_robot(), episode_of_log(path)
-    recording, suites = episode.recording, load_touch_suites(robot)
+    take = take_of(
+        episode,
+        {mode: partial(observers.observer, mode, episode, robot) for mode in observers.modes},
+        robot,
+        load_touch_suites(robot),
+    )
+    return RobotRecord(
+        robot=path.name, draw=None, law=None, identity=episode.identity, takes=(take,)
+    )
+
+
+def take_of(
+    episode: Episode,
+    observers: Mapping[str, Callable[[], Observer]],
+    robot: RobotConfig,
+    suites: TouchSuites,
+    *,
+    state: str = LOG,
+    suite: Literal["touch", "free"] | None = None,
+) -> Take:
+    """Return the take of an episode: its touches, and what each observer reports of it.
+
+    Args:
+        episode: The episode.
+        observers: By name, what makes each; one that cannot be made has a failure.
+        robot: Its description.
+        suites: For the places of touches.
+        state: Of the robot.
+        suite: Of the take; None for ``free`` without touches.
+    """
+    recording = episode.recording
     touches = tuple(
         _touched(push, episode, robot, suites) for push in sorted(episode.pushes, key=_onset)
     )
     made: dict[str, Observer] = {}
     failed: dict[str, Hearing] = {}
-    for mode in observers.modes:
+    for mode, make in observers.items():
         try:
-            made[mode] = observers.observer(mode, episode, robot)
+            made[mode] = make()
         except PepperError as error:
-            failed[mode] = Hearing(failure=_reason(error))
+            failed[mode] = Hearing(failure=reason_of(error))
     known = bool(np.isfinite(episode.contact_torque).all())
     heard = watch_all(
         made,
@@ -92,19 +124,16 @@ def record_of_log(path: Path, observers: ObserversUnderTest) -> RobotRecord:
         true_torque=episode.contact_torque if known else None,
         warn=True,
     )
-    take = Take(
-        suite="touch" if touches else "free",
-        state=LOG,
+    return Take(
+        suite=suite or ("touch" if touches else "free"),
+        state=state,
         number=0,
         day=None,
         seed=episode.seed,
         start=float(recording.time[0]),
         end=float(recording.time[-1]),
         touches=touches,
-        hearings={mode: {**heard, **failed}[mode] for mode in observers.modes},
-    )
-    return RobotRecord(
-        robot=path.name, draw=None, law=None, identity=episode.identity, takes=(take,)
+        hearings={mode: {**heard, **failed}[mode] for mode in observers},
     )
 
 
@@ -113,7 +142,10 @@ def _onset(push: KnownPush) -> float:
 
 
 def _touched(push: KnownPush, episode: Episode, robot: RobotConfig, suites: TouchSuites) -> Touched:
-    """Return a touch; nothing is known of its rise, and of its force only what the label or the simulation says."""
+    """Return a touch; nothing is known of its rise, and of its force only what the label or the simulation says.
+
+    A labelled force is what was asked for: there is no other truth, hence no torque.
+    """
     time, limb = episode.recording.time, robot.limb_of_link(push.link)
     joints = [robot.joint_index(name) for name in robot.limbs[limb]]
     during = episode.contact_torque[(time >= push.onset) & (time <= push.release + robot.cycle)]
@@ -126,7 +158,7 @@ def _touched(push: KnownPush, episode: Episode, robot: RobotConfig, suites: Touc
         place=place_of(push.link, suites),
         limb=limb,
         link=push.link,
-        asked=None,
+        asked=push.force if math.isfinite(push.force) and not torque else None,
         force=push.force if math.isfinite(push.force) else None,
         rise=None,
         onset=push.onset,

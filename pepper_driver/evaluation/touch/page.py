@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, TypeVar
 
@@ -93,6 +94,7 @@ def touch_page(
     looks: int | None = None,
     development: bool = False,
     simulated: bool = True,
+    beside: Beside | None = None,
     ours: str = FUSION,
 ) -> list[str]:
     """Return the sections of the page.
@@ -105,6 +107,7 @@ def touch_page(
         looks: Number of looks at the test split so far; None for the number of lines.
         development: True for robots of the development split.
         simulated: False for real robots.
+        beside: Simulated robots whose figures stand beside these; None for none.
         ours: Name of the project's own observer.
     """
     observer = summary.observer(ours)
@@ -113,8 +116,11 @@ def touch_page(
         parts += section("Touch", f"The observer `{ours}` was judged on no robot.")
     else:
         parts += headline(summary, observer)
+        if beside is not None:
+            parts += beside_table(summary, observer, beside, ours)
         parts += pictures_of(pictures)
         parts += n90_table(summary, observer)
+        parts += felt_table(summary, observer)
         parts += recall_table(summary, observer)
         parts += rows_table(summary, observer)
         parts += false_contacts(summary, observer)
@@ -269,6 +275,66 @@ def _torque(torques: Torques) -> str:
     )
 
 
+# -- beside simulated robots ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Beside:
+    """Simulated robots beside recorded ones: their ``summary``, and ``what`` they are."""
+
+    summary: TouchSummary
+    what: str
+
+
+def beside_table(
+    summary: TouchSummary, observer: ObserverSummary, beside: Beside, ours: str = FUSION
+) -> list[str]:
+    """Write the main figures of recorded robots in columns beside those of simulated ones."""
+    others = beside.summary.observer(ours)
+    if others is None:
+        return []
+    laws = beside.summary.laws
+    places = dict.fromkeys((*HEADLINE_PLACES, *summary.places))
+    rows = []
+    for place in places:
+        own = [observer.group(law, place, "standing") for law in summary.laws]
+        if any(own):
+            felt = Share.counted(
+                sum(cell.felt.count for cell in own if cell), sum(c.felt.of for c in own if c)
+            )
+            values = [_n90_and_worst(cell) for cell in own]
+            values += [_n90_and_worst(others.group(law, place, "standing")) for law in laws]
+            rows.append([place, share_text(felt), *values])
+    mine, theirs = _figures(observer), _figures(others)
+    columns = (*laws, *((ALL,) if len(laws) > 1 else ()))
+    return section(
+        "Beside simulated robots",
+        f"Recorded robots of this page, and {beside.what}. A person chooses how firmly to touch, simulated people "
+        "touch with 2 to 30 N from all sides: shares of touches that are felt compare only at known forces, N90 and "
+        "false contacts do.",
+        table(
+            (
+                "place, standing",
+                "recorded: felt",
+                *("recorded: N90 [N]" for _ in summary.laws),
+                *(f"simulated, `{law}`: N90 [N]" for law in laws),
+            ),
+            rows,
+        ),
+        table(
+            ("figure", "recorded", *(f"simulated, {_law_name(law)}" for law in columns)),
+            [
+                [name, value(ALL), *(theirs[name](law) for law in columns)]
+                for name, value in mine.items()
+            ],
+        ),
+    )
+
+
+def _law_name(law: str) -> str:
+    return "all" if law == ALL else f"`{law}`"
+
+
 # -- N90, recall, rows ------------------------------------------------------------------------------------------------
 
 
@@ -322,6 +388,26 @@ def _n90(cell: Cell | None) -> tuple[str, str, str, str]:
         worst,
         str(cell.felt.of),
         "-" if cell.bound is None else figure(cell.bound),
+    )
+
+
+def felt_table(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
+    """Write the share of touches that are felt at each place, where the force of some is unknown."""
+    cells = observer.cells
+    if all(cell.n90 is not None and cell.n90.touches == cell.felt.of for cell in cells):
+        return []
+    states = [state for state in summary.states if any(cell.state == state for cell in cells)]
+    rows = []
+    for place in summary.places:
+        for state in states:
+            found = [observer.cell(law, place, state) for law in summary.laws]
+            if any(found):
+                felt = ["-" if cell is None else share_text(cell.felt) for cell in found]
+                rows.append([f"{place}, {state}", *felt])
+    return section(
+        "Touches felt by place",
+        table(("place, state", *(f"felt, `{law}`" for law in summary.laws)), rows),
+        "All touches, of known force or not: the share depends on how firmly people touched.",
     )
 
 

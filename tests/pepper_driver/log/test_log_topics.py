@@ -87,6 +87,7 @@ def valid(schema: dict[str, Any], message: dict[str, Any]) -> bool:
         *((CONTACTS, Samples(1).contact(number)) for number in range(6)),
         (LABELS, Label(time=1.0, phase="onset", source="key")),
         (LABELS, Label(time=1.0, phase="release", source="head", link="Head", joint="HeadYaw")),
+        (LABELS, Label(time=1.0, phase="onset", source="key", link="Head", force=8.0)),
         *((FORCES, TrueForce.of(Samples(n).true_contact(), 1.0)) for n in range(6)),
         *((EVENTS, event) for event in (REFLEX, FAULT, PRESSED)),
     ],
@@ -95,6 +96,11 @@ def test_items_come_back_and_fit_their_schema(topic: JsonTopic[Any], item: objec
     message = topic.encode(item)
     assert topic.decode(message) == item
     assert valid(json.loads(topic.schema), json.loads(message))
+
+
+def test_a_label_of_an_earlier_version_has_no_force() -> None:
+    message = b'{"time": 1.0, "phase": "onset", "source": "key", "link": "Head"}'
+    assert LABELS.decode(message) == Label(time=1.0, phase="onset", source="key", link="Head")
 
 
 @given(

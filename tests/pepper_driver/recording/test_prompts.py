@@ -1,5 +1,6 @@
 """Touches that the robot asks for, and their labels."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +25,7 @@ PROMPTS = TouchPrompts(
     time=2.0,
     touches=(
         TouchPrompt(say="My left hand.", link="l_wrist"),
-        TouchPrompt(say="My head.", link="Head"),
+        TouchPrompt(say="My head.", link="Head", force=8.0),
         TouchPrompt(say="My chest.", link="torso"),
     ),
 )
@@ -85,7 +86,11 @@ def test_the_robot_asks_and_the_log_has_what_was_touched(tmp_path: Path) -> None
     assert asked == [(0, "My left hand."), (1, "My head."), (2, "My chest.")]
     assert done.touches == 2
     assert done.seconds == pytest.approx(PROMPTS.seconds, abs=0.1)
-    assert [push.link for push in pushes_of(read_log(path))] == ["l_wrist", "Head"]
+    pushes = pushes_of(read_log(path))
+    assert [push.link for push in pushes] == ["l_wrist", "Head"]
+    # Of the force only that of the spring scale is known.
+    assert math.isnan(pushes[0].force)
+    assert pushes[1].force == 8.0
 
 
 def test_prompts_have_their_own_motion_times_and_places(tmp_path: Path) -> None:

@@ -1,0 +1,175 @@
+"""Replay of recorded commands on a simulated robot, row by row beside what a robot did."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from pepper_driver.backends import Backend
+from pepper_driver.backends.fields import Command, Measurement
+from pepper_driver.backends.motion_profile import minimum_jerk
+from pepper_driver.backends.mujoco_.backend import MujocoBackend
+from pepper_driver.config import PlantConfig, RobotConfig
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.identification import RecordingFolderError
+from pepper_driver.identification.dataset import Manifest, RunEntry, finished, recording_path
+from pepper_driver.identification.measurements.program import measured_joints
+from pepper_driver.observer import Recording
+
+APPROACH, REST = 2.0, 1.0
+"""[s] to reach the first posture of a recording, and to come to rest there."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RecordedRun:
+    """One run of a robot.
+
+    Attributes:
+        name: Of the run.
+        held_out: True for a run that nothing is fitted to.
+        recording: The run.
+        pairing: Ticks from a command to the sample that stands in its row.
+    """
+
+    name: str
+    held_out: bool
+    recording: Recording
+    pairing: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayedRun:
+    """The same commands on a simulated robot, paired alike.
+
+    Attributes:
+        position: (n, N) measured [rad].
+        current: (n, N) measured, unsigned [A].
+    """
+
+    position: FloatArray
+    current: FloatArray
+
+
+def load_runs(
+    folder: Path, manifest: Manifest, measured_delay: int, robot: RobotConfig
+) -> tuple[RecordedRun, ...]:
+    """Return the runs of an identification that say what its joints do, each of the fewest there are.
+
+    These are the runs by which the robot was measured, without the one with a weight in a hand; the fastest estimation
+    run of each joint that they do not move; and the test runs.
+
+    Args:
+        folder: Of the recordings.
+        manifest: Of the folder.
+        measured_delay: Of the robot [ticks]: other runs than measurements are paired by it, where the robot is real.
+        robot: Its description.
+
+    Raises:
+        RecordingFolderError: They are of another robot, or a file is missing.
+        RecordingError: A file is damaged.
+    """
+    if (manifest.robot, manifest.joint_names) != (robot.name, robot.joint_names):
+        raise RecordingFolderError(
+            f"{folder}: recordings of robot '{manifest.robot}', not of '{robot.name}' as it is described here"
+        )
+    fastest: dict[str | None, RunEntry] = {}
+    for run in manifest.runs:
+        if run.role == "estimation" and run.joint not in measured_joints(robot):
+            fastest[run.joint] = max(fastest.get(run.joint, run), run, key=_stiffness)
+    chosen = [
+        run
+        for run in manifest.runs
+        if run.weight is None
+        and (run.role in ("measurement", "test") or run is fastest.get(run.joint))
+    ]
+    there = finished(folder, [run.name for run in chosen])
+    if missing := [run.name for run in chosen if run.name not in there]:
+        raise RecordingFolderError(
+            f"{folder}: {len(missing)} of {len(chosen)} runs are missing, the first is {missing[0]}"
+        )
+    reported = manifest.response_delay
+    return tuple(
+        RecordedRun(
+            name=run.name,
+            held_out=run.role == "test",
+            recording=Recording.load(recording_path(folder, run.name), robot),
+            pairing=reported if manifest.simulated or run.role == "measurement" else measured_delay,
+        )
+        for run in chosen
+    )
+
+
+def _stiffness(run: RunEntry) -> float:
+    return run.stiffness
+
+
+def replay(robot: RobotConfig, plant: PlantConfig, run: RecordedRun) -> ReplayedRun:
+    """Send the commands of a run to a simulated robot on a fixed base, without noise and lost samples.
+
+    Args:
+        robot: Its description.
+        plant: The simulated robot.
+        run: Ticks that it lacks are filled with commands between those before and after.
+
+    Raises:
+        PepperError: The simulation diverged.
+    """
+    transport = replace(plant.transport, encoder_noise=0.0, current_noise=0.0, late=0.0, lost=0.0)
+    still = replace(plant, base="fixed", transport=transport)
+    recording = run.recording
+    rows = np.rint((recording.time - recording.time[0]) / robot.cycle).astype(np.int64)
+    ticks = np.arange(rows[-1] + 1 + run.pairing)
+    places = np.searchsorted(rows, np.minimum(ticks, rows[-1]), side="right") - 1
+    sent = np.column_stack([np.interp(ticks, rows, c) for c in recording.sent_position.T])
+    backend = MujocoBackend(robot, still, seed=0)
+    with backend:
+        measured = list(
+            drive_along(
+                backend,
+                sent,
+                recording.stiffness[places],
+                np.zeros((len(ticks), 3)),
+                robot,
+            )
+        )
+    answers = [measured[row + run.pairing] for row in rows.tolist()]
+    return ReplayedRun(
+        position=np.array([m.position for m in answers]),
+        current=np.array([m.current for m in answers]),
+    )
+
+
+def drive_along(
+    backend: Backend,
+    position: FloatArray,
+    stiffness: FloatArray,
+    wheel_speed: FloatArray,
+    robot: RobotConfig,
+) -> Iterator[Measurement]:
+    """Open a simulated robot, have it come slowly to where commands begin, and yield what it measures after each.
+
+    Args:
+        backend: Of the simulated robot, not yet opened.
+        position: (n, N) commands [rad].
+        stiffness: (n, N) 0..1.
+        wheel_speed: (n, 3) [rad/s].
+        robot: Its description.
+    """
+    backend.open()
+    start = np.clip(backend.activate().position, robot.lower, robot.upper)
+    path = minimum_jerk(np.linspace(0.0, 1.0, round(APPROACH / robot.cycle)))
+    for fraction in (*path, *[1.0] * round(REST / robot.cycle)):
+        backend.exchange(
+            Command(
+                position=start + fraction * (position[0] - start),
+                stiffness=stiffness[0],
+                wheel_speed=np.zeros(3),
+            )
+        )
+    for row in range(len(position)):
+        yield backend.exchange(
+            Command(position=position[row], stiffness=stiffness[row], wheel_speed=wheel_speed[row])
+        )

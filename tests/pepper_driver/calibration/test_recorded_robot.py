@@ -1,0 +1,213 @@
+"""A simulated robot fitted to recordings of another one, whose values are known."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pepper_driver.backends.fields import RECORDED_FIELDS
+from pepper_driver.calibration import recorded_robot
+from pepper_driver.calibration.drive import changed_drive, drive_values
+from pepper_driver.calibration.recorded_robot import with_facts
+from pepper_driver.calibration.replayed import RecordedRun, replay
+from pepper_driver.cli.app import run
+from pepper_driver.config import PlantConfig, load_plant, load_robot
+from pepper_driver.config.files import make_folder, write_json
+from pepper_driver.identification.dataset import Manifest, RunEntry, recording_path
+from pepper_driver.observer import Recording, RecordingBuilder
+from pepper_driver.observer.models.measured_robot import MeasuredJoint, MeasuredRobot
+from pepper_driver.robot import Pepper
+from support.evaluation import recording as still
+from support.first_hour import make_hour, manifest
+
+ROBOT = load_robot()
+NOMINAL = load_plant("nominal", ROBOT)
+ELBOW, SHOULDER = ROBOT.joint_index("LElbowRoll"), ROBOT.joint_index("LShoulderPitch")
+SOFTER = 1.5
+OTHER = f"""
+name: other
+description: a softer elbow, two ticks later
+extends: nominal
+transport: {{command_delay: 4}}
+factors: {{kp: {{LElbowRoll: {1 / SOFTER}}}, kd: {{LElbowRoll: {1 / SOFTER}}}}}
+"""
+FACTS = MeasuredRobot(
+    reported_delay=5,
+    delay_error=0,
+    delay_spread=(0.0, 0.0),
+    late=0.01,
+    lost=0.002,
+    weight=None,
+    joints={
+        name: MeasuredJoint(encoder_noise=0.001, current_noise=0.01, speed=2.2, speed_limited=True)
+        for name in ("LElbowRoll", "LShoulderPitch")
+    },
+)
+
+
+def recorded(plant: Path, goals: Sequence[dict[str, float]]) -> Recording:
+    """Some moves of a simulated robot, as a user records them."""
+    builder = RecordingBuilder(ROBOT)
+    with Pepper(f"mujoco://?plant={plant}", observer=None) as pepper:
+        for goal in goals:
+            pepper.set_posture(goal, stiffness=40.0)
+            pepper.run(0.9, on_tick=lambda tick, _: builder.append(tick))
+    return builder.finish()
+
+
+@pytest.fixture(scope="module")
+def other(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Plant file of the robot that is to be found again."""
+    path = tmp_path_factory.mktemp("plant") / "other.yaml"
+    path.write_text(OTHER)
+    return path
+
+
+@pytest.fixture(scope="module")
+def moves(other: Path) -> Recording:
+    goals: list[dict[str, float]] = [
+        {"LElbowRoll": -1.2, "LShoulderPitch": 1.1},
+        {"LElbowRoll": -0.4, "LShoulderPitch": 1.4},
+        {"LElbowRoll": -0.9},
+    ]
+    return recorded(other, goals)
+
+
+@pytest.fixture(scope="module")
+def folder(other: Path, moves: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Recordings of that robot: a measurement, and a test run with other moves."""
+    path = tmp_path_factory.mktemp("hour") / "identification"
+    test = recorded(other, [{"LElbowRoll": -1.0}, {"LElbowRoll": -0.3}])
+    entries = []
+    for name, role, recording in (("measure-1", "measurement", moves), ("x-test", "test", test)):
+        joint = None if role == "measurement" else "LElbowRoll"
+        entries.append(
+            RunEntry(name=name, joint=joint, role=role, stiffness=9.0, seed=(0,), seconds=2.0)  # type: ignore[arg-type]
+        )
+        make_folder(path)
+        recording.save(recording_path(path, name))
+    write(path, replace(manifest("other"), response_delay=5, runs=tuple(entries)))
+    return path
+
+
+def write(path: Path, content: Manifest) -> None:
+    write_json(path / "manifest.json", asdict(replace(content, simulated=True)))
+
+
+def rms(replayed: Any, run: RecordedRun) -> float:
+    difference = replayed.position[:, ELBOW] - run.recording.position[:, ELBOW]
+    return float(np.degrees(np.sqrt(np.mean(difference**2))))
+
+
+def test_a_robot_replays_its_own_commands_and_another_does_not(
+    other: Path, moves: Recording
+) -> None:
+    true = load_plant(str(other), ROBOT)
+    run_ = RecordedRun(name="x", held_out=False, recording=moves, pairing=5)
+    # Noise of the encoder and its steps: 0.06 deg.
+    assert rms(replay(ROBOT, true, run_), run_) < 0.1
+    assert rms(replay(ROBOT, NOMINAL, run_), run_) > 0.5
+    # Rows that were not recorded are commands that were sent all the same.
+    kept = np.arange(len(moves)) % 5 != 3
+    columns: dict[str, Any] = {
+        field.column: getattr(moves, field.column)[kept] for field in RECORDED_FIELDS
+    }
+    fewer = replace(run_, recording=Recording(joint_names=moves.joint_names, **columns))
+    assert rms(replay(ROBOT, true, fewer), fewer) < 0.1
+
+
+def test_a_robot_is_found_again(
+    folder: Path,
+    other: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(recorded_robot, "STEPS", (SOFTER,))
+    monkeypatch.setattr(recorded_robot, "MIN_ROWS", 100)
+    monkeypatch.setattr(recorded_robot, "MEASUREMENTS", ("measure",))
+    monkeypatch.setattr(recorded_robot, "measure_robot", lambda *_: FACTS)
+    out = tmp_path / "mine.yaml"
+    arguments = ["calibrate", "--recordings", str(folder), "--out", str(out), "--workers", "1"]
+    assert run([*arguments, "--json", str(tmp_path / "f.json")]) == 0
+    found, true = load_plant(str(out), ROBOT), load_plant(str(other), ROBOT)
+    assert found.response_delay == true.response_delay == 5
+    assert found.targets.speed_limit == 2.2
+    assert (found.transport.late, found.transport.lost) == (0.01, 0.002)
+    assert found.base == NOMINAL.base
+    joint = drive_values(ROBOT, found, "LElbowRoll")
+    assert joint.stiffness == pytest.approx(
+        drive_values(ROBOT, true, "LElbowRoll").stiffness, rel=0.01
+    )
+    shoulder = drive_values(ROBOT, found, "LShoulderPitch")
+    assert shoulder.stiffness == pytest.approx(
+        drive_values(ROBOT, true, "LShoulderPitch").stiffness, rel=0.01
+    )
+    # The right arm did not move: it stays as it was.
+    for name in ("RElbowRoll", "HeadYaw"):
+        assert drive_values(ROBOT, found, name) == drive_values(ROBOT, NOMINAL, name)
+    shown = capsys.readouterr().out
+    assert "5 as measured" in shown
+    assert "hardly moved, so their values are those of 'nominal'" in shown
+    content = json.loads((tmp_path / "f.json").read_text())
+    elbow = content["joints"]["LElbowRoll"]
+    assert elbow["held_out"]
+    assert not content["joints"]["LShoulderPitch"]["held_out"]
+    assert elbow["after"]["rms_deg"] < 0.3 * elbow["before"]["rms_deg"]
+    assert elbow["after"]["fit"] > 80.0 > elbow["before"]["fit"]
+    assert content["delay_ticks"] == {"before": 3, "after": 5}
+
+
+def test_a_known_weight_tells_masses_from_motors() -> None:
+    """Arms of 1.5 times the mass, and gears that pass on 0.8 of the torque."""
+    joint = MeasuredJoint(
+        encoder_noise=0.0, current_noise=0.0, load_scale=1.5 / 0.8, torque_scale=1.0 / 0.8
+    )
+    runs = [RecordedRun(name="x", held_out=False, recording=still(0.5), pairing=0)]
+
+    def fitted(fact: MeasuredJoint) -> PlantConfig:
+        return with_facts(NOMINAL, replace(FACTS, joints={"LElbowRoll": fact}), runs, ROBOT)
+
+    plant = fitted(joint)
+    assert plant.actuator("LElbowRoll").efficiency == pytest.approx(0.8)
+    assert plant.body.masses["LForeArm"] == pytest.approx(1.5)
+    assert "RForeArm" not in plant.body.masses
+    # Without the weight, all of it is the motor's.
+    plant = fitted(replace(joint, torque_scale=None))
+    assert plant.actuator("LElbowRoll").efficiency == pytest.approx(0.8 / 1.5, rel=1e-3)
+    assert not plant.body.masses
+
+
+def test_a_lead_is_changed_and_otherwise_kept() -> None:
+    drive = NOMINAL.actuator("LElbowRoll")
+    values = drive_values(ROBOT, NOMINAL, "LElbowRoll")
+    later = changed_drive(ROBOT, drive, "LElbowRoll", replace(values, lead=0.01), "calibrated")
+    assert later.kd / later.kp == pytest.approx(0.01, rel=1e-3)
+    kept = changed_drive(ROBOT, drive, "LElbowRoll", replace(values, lead=None), "calibrated")
+    assert kept.kd / kept.kp == pytest.approx(drive.kd / drive.kp, rel=1e-3)
+
+
+def test_wrong_recordings_are_one_line(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make_hour(tmp_path / "hour")
+    (tmp_path / "empty").mkdir()
+    cases: dict[tuple[str, ...], str] = {
+        (str(tmp_path / "hour"),): "this robot was not measured",
+        (str(tmp_path / "empty"),): "no first_hour.json",
+        (str(tmp_path / "none.zip"),): "there is no such file or folder",
+        (str(folder), "--check"): "--check and --recordings exclude each other",
+        (str(folder), "--plot", "x.png"): "--plot and --recordings exclude each other",
+        (str(folder), "--plant", "random"): "each robot of this plant is drawn again",
+        (str(folder), "--out", "x.json"): "a plant file ends in .yaml",
+        # These recordings have none of the runs by which a robot is measured.
+        (str(folder), "--workers", "1"): "not measured (measure_response, measure_friction",
+    }
+    for arguments, words in cases.items():
+        assert run(["calibrate", "--recordings", *arguments]) == 2, arguments
+        (line,) = capsys.readouterr().err.splitlines()
+        assert words in line
