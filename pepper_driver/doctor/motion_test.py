@@ -223,10 +223,8 @@ def try_motion(
         remedy="end other programs on this computer, and permit real-time priority (docs/realtime.md)",
     )
     fits = watch.fits(settings)
-    delay = _judge_delay(
-        recordings[SMALL_STEPS], models, pepper.backend.info.response_delay, robot
-    )
-    results = (ticks, delay, _judge_following(fits))
+    delay = _judge_delay(recordings[SMALL_STEPS], models, pepper.backend.info.response_delay, robot)
+    results: tuple[CheckResult, ...] = (ticks, delay, _judge_following(fits))
     if models is not None:
         results += (_judge_models(fits, settings), _judge_touch(contacts))
     return MotionTest(results=results, fits=fits, recordings=recordings)

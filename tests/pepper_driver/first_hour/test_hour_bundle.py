@@ -108,7 +108,7 @@ def test_logs_of_another_robot_are_refused(hour: Path) -> None:
     assert identity.encode() in log
     # The metadata have a checksum: a changed name damages them.
     (hour / "rest.mcap").write_bytes(log.replace(identity.encode(), b"x" * len(identity)))
-    with pytest.raises(BundleError, match="rest.mcap"), open_bundle(hour):
+    with pytest.raises(BundleError, match=r"rest\.mcap"), open_bundle(hour):
         pass
 
 
