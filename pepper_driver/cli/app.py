@@ -86,7 +86,7 @@ COMMANDS = {
     "first-hour": CommandEntry(
         place="first_hour:first_hour",
         summary="Check, measure, identify and touch a new robot, and pack what can be sent; resumable.",
-        example="pepper first-hour --backend 'naoqi://pepper.local?wake=1' --out my_pepper --weight 0.5",
+        example="pepper first-hour --backend naoqi://pepper.local --out my_pepper --weight 0.5",
         docs="first_robot.md",
     ),
     "record": CommandEntry(

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pepper_driver.backends.readiness import CheckResult
+from pepper_driver.backends.selection import parse_uri
 from pepper_driver.cli.console import (
     JsonOption,
     WorkersOption,
@@ -100,6 +101,11 @@ def first_hour(
     if archive.suffix != ".zip":
         raise ConfigError(f"{archive}: the packed hour is an archive and ends in .zip")
     check_outputs(json_file, pack)
+    if parse_uri(backend).query.get("wake", "0") != "0":
+        raise ConfigError(
+            "with '?wake=1' the robot would lie down after each of many runs: wake it up once, by pressing the button on "
+            "its chest twice, and leave that out"
+        )
     show = _shower(console)
     operator: Operator = Consent(show) if yes else TerminalOperator(show, settings.answer)
     if label == BY_KEY and (sys.stdin is None or not sys.stdin.isatty()):
