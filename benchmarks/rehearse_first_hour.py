@@ -1,10 +1,11 @@
-"""Rehearses a first hour against the stand-in, with all that may end it early, and a person made of a program.
+"""Rehearses a first hour against the stand-in, with all that may end it early, and a program in place of the person.
 
-Follows the steps of docs/first_robot.md: answers the questions of `pepper first-hour` in a terminal, pushes the robot where it asks for
-touches and presses its head meanwhile, and ends the command early in every way the page names: an operator who leaves, the button on the
-chest, the space bar, the cable, a robot that is sent to rest, a hot motor, an empty battery, a killed program, Ctrl-C. After each it
-calls the same command again, and sees that nothing was lost. Steps are short; --full takes the shipped plan, and an hour. Figures are of
-the simulated robot.
+Follows the steps of docs/first_robot.md: answers the questions of `pepper first-hour` in a terminal, pushes the robot
+where it asks for touches and presses its head meanwhile, and ends the command early in every way the page names: an
+operator who leaves, the button on the chest, the space bar, the cable, a robot that is sent to rest, a hot motor, an
+empty battery, a killed program, Ctrl-C. After each it calls the same command again, and sees that nothing was lost.
+Steps are short; --full takes the shipped plan, and an hour. The machine must have two free processors: ticks and cycles
+of the robot are by the wall clock. Figures are of the simulated robot.
 Run: python benchmarks/rehearse_first_hour.py --plant recorded --network wifi --json rehearsal.json
 """
 
@@ -21,7 +22,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,7 +33,7 @@ import yaml
 from rich.console import Console
 from rich.table import Table
 
-from pepper_driver.backends.naoqi.qi_library import load_qi
+from pepper_driver.backends.naoqi.qi_library import Proxy, load_qi
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import load_robot
 from pepper_driver.config.first_hour import load_first_hour
@@ -197,7 +198,7 @@ TROUBLES = (
         step="doctor",
         after=QUESTION.format("doctor"),
         cause=None,
-        code=1,
+        code=2,
         told="no answer for",
     ),
     Trouble(
@@ -281,7 +282,7 @@ TROUBLES = (
 
 
 @contextmanager
-def service_of(stand_in: StandIn, name: str) -> Any:
+def service_of(stand_in: StandIn, name: str) -> Iterator[Proxy]:
     """Give a service over a connection of its own."""
     session = load_qi().Session()
     session.connect(stand_in.url)

@@ -27,13 +27,13 @@ from pepper_driver.cli.console import (
 )
 from pepper_driver.cli.doctor import print_checks
 from pepper_driver.cli.identify import print_fits, print_measured, recording_progress
-from pepper_driver.config import ConfigError, load_robot
+from pepper_driver.config import ConfigError, PepperError, load_robot
 from pepper_driver.config.first_hour import load_first_hour
 from pepper_driver.first_hour.bundle import ARCHIVE
 from pepper_driver.first_hour.hour import run_hour
 from pepper_driver.first_hour.operator import Consent, Operator, TerminalOperator
 from pepper_driver.first_hour.plan import BY_KEY, HourPlan, PlannedStep, plan_hour
-from pepper_driver.first_hour.state import FirstHour, new_hour
+from pepper_driver.first_hour.state import STATE, FirstHour, new_hour
 from pepper_driver.first_hour.steps import RobotSteps, check_fit, look
 from pepper_driver.identification import Identification
 from pepper_driver.identification import Progress as RecordingProgress
@@ -103,8 +103,8 @@ def first_hour(
     check_outputs(json_file, pack)
     if parse_uri(backend).query.get("wake", "0") != "0":
         raise ConfigError(
-            "with '?wake=1' the robot would lie down after each of many runs: wake it up once, by pressing the button on "
-            "its chest twice, and leave that out"
+            "with '?wake=1' the robot would lie down after each of many runs: wake it up once, by pressing the button "
+            "on its chest twice, and leave that out"
         )
     show = _shower(console)
     operator: Operator = Consent(show) if yes else TerminalOperator(show, settings.answer)
@@ -112,7 +112,14 @@ def first_hour(
         raise ConfigError(
             "labels by key need a terminal to press keys in: start it in one, or give another --label, such as head"
         )
-    info, _ = look(backend, robot)
+    try:
+        info, _ = look(backend, robot)
+    except PepperError:
+        if (out / STATE).exists():
+            console.print(
+                f"all that was recorded is kept in {out}: the same command goes on from there"
+            )
+        raise
     asked = new_hour(
         robot,
         info,

@@ -225,7 +225,7 @@ _WORDS: dict[StepName, dict[str, str]] = {
     "pack": {
         "title": "pack what can be sent",
         "do": "nothing",
-        "normal": "an archive of 50 to 200 MB",
+        "normal": "an archive of 100 to 300 MB",
     },
 }
 
