@@ -14,7 +14,7 @@ from pepper_driver.config.parts import NonNegative, Positive
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class FirstHourSettings:
-    """What the robot does in its first hour, and how long a person needs; see ``first_hour.yaml``."""
+    """Motions of a robot in its first hour, and times of the person; see ``first_hour.yaml``."""
 
     version: Literal[1]
     experiment: str

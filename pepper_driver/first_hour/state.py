@@ -42,7 +42,7 @@ class FirstHourError(PepperError, ValueError):
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class StepRecord:
-    """What became of one step.
+    """State and result of one step.
 
     Attributes:
         name: Of the step.

@@ -1,4 +1,4 @@
-"""Whether a known weight was in the hand during all of its run."""
+"""Check that a known weight was in the hand during all of its run."""
 
 from __future__ import annotations
 

@@ -172,7 +172,7 @@ def test_an_hour_with_short_steps_gives_models_logs_and_an_archive(
     hour = load_state(folder / STATE)
     assert hour.step("measure").figures["delay_ticks"] == 6
     for name in ("rest", "free"):
-        assert hour.step(name).figures["false_contacts"] == 0  # type: ignore[arg-type]
+        assert hour.step(name).figures["false_contacts"] == 0
     with open_bundle(folder / ARCHIVE) as bundle:
         recordings = load_recordings(bundle.identification, ROBOT)
         assert [entry.joint for entry in recordings.sweeps] == ["LShoulderPitch"]
