@@ -44,8 +44,10 @@ def falling_weight(
     second: dict[str, float] = {}
     for joint in measured_joints(robot):
         scale = measure_torque_scale([empty], [loaded], joint, weight, robot)
+        if scale is None:
+            continue
         own = measure_friction([empty], joint, robot)
-        if scale is None or own is None or own.load_scale is None:
+        if own is None or own.load_scale is None:
             continue
         half = second if _time_of_sweep(loaded, robot.joint_index(joint)) > middle else first
         half[joint] = scale / own.load_scale

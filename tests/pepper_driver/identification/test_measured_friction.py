@@ -115,6 +115,7 @@ def test_a_simulated_robot_has_the_friction_and_the_gears_that_are_measured(plan
         assert measure_torque_scale([run], [loaded], joint, weight, ROBOT) is None
 
 
+@pytest.mark.whole
 def test_a_weight_that_falls_or_comes_late_is_noticed() -> None:
     weight = HeldWeight(mass=0.5, link="l_wrist", xyz=(0.07, 0.0, 0.0))
     empty, loaded = slow_sweeps("recorded"), slow_sweeps("recorded", weight)
