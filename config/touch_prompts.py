@@ -8,14 +8,17 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from pepper_driver.config.errors import ConfigError, suggestion
+from pepper_driver.config.errors import ConfigError, UnknownNameError, suggestion
 from pepper_driver.config.lines import with_lines
-from pepper_driver.config.loading import STRICT, load, own_or_shipped
+from pepper_driver.config.loading import STRICT, load, package_file
 from pepper_driver.config.parts import Positive
 from pepper_driver.config.robot import RobotConfig
 from pepper_driver.config.steps import Speech
 
 MAX_TOUCHES = 200
+
+SHIPPED = {"standard": "touch_prompts.yaml", "scale": "touch_prompts_scale.yaml"}
+"""Files of the shipped prompts by their names: by hand alone, and half of them with a spring scale."""
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -56,13 +59,19 @@ class TouchPrompts:
 
 
 @with_lines
-def load_touch_prompts(robot: RobotConfig, path: Path | str | None = None) -> TouchPrompts:
-    """Load the prompts from ``path``, by default the shipped ``touch_prompts.yaml``.
+def load_touch_prompts(robot: RobotConfig, name: Path | str = "standard") -> TouchPrompts:
+    """Load the prompts of a name in SHIPPED, or those of a file.
 
     Raises:
+        UnknownNameError: No shipped prompts have this name.
         ConfigError: The file is wrong, or names a link that the robot has not.
     """
-    file = own_or_shipped(path, "touch_prompts.yaml")
+    if str(name) in SHIPPED:
+        file = package_file(SHIPPED[str(name)])
+    elif str(name).endswith((".yaml", ".yml")):
+        file = Path(name)
+    else:
+        raise UnknownNameError("prompts", str(name), (*SHIPPED, "FILE.yaml"))
     prompts = load(TouchPrompts, file)
     for number, touch in enumerate(prompts.touches):
         if touch.link not in robot.links:

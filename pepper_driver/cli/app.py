@@ -83,6 +83,12 @@ COMMANDS = {
         example="pepper identify --out mine.json --backend 'mujoco://?plant=mine.yaml'",
         docs="observer.md",
     ),
+    "first-hour": CommandEntry(
+        place="first_hour:first_hour",
+        summary="Check, measure, identify and touch a new robot, and pack what can be sent; resumable.",
+        example="pepper first-hour --backend naoqi://pepper.local --out my_pepper --weight 0.5",
+        docs="first_robot.md",
+    ),
     "record": CommandEntry(
         place="record:record",
         summary="Record a run with labels of touches: on a real robot too.",

@@ -76,7 +76,7 @@ def doctor(
             models=models,
             on_progress=lambda fraction: progress.update(bar, completed=fraction),
         )
-    _print(console, examination.results)
+    print_checks(console, examination.results)
     left_out = ""
     if no_motion:
         left_out = "left out by --no-motion"
@@ -88,7 +88,7 @@ def doctor(
         motion_test = MotionTest(results=(unknown("motion", left_out),), fits=())
     else:
         motion_test = _try(console, uri, examination.models)
-    _print(console, motion_test.results)
+    print_checks(console, motion_test.results)
     _print_fits(console, motion_test.fits)
     passed = examination.passed and motion_test.passed
     save_json(json_file, _as_json(uri, examination, motion_test), console)
@@ -129,7 +129,7 @@ _STYLE = {
 }
 
 
-def _print(console: Console, results: Sequence[CheckResult]) -> None:
+def print_checks(console: Console, results: Sequence[CheckResult]) -> None:
     """One line a check, and below those that are not well what to do."""
     table = Table(show_header=False, box=None, pad_edge=False)
     for width in (14, 15, None):

@@ -16,6 +16,7 @@ from rich.table import Table
 from pepper_driver.cli.console import (
     ClusterOption,
     JsonOption,
+    LineProgress,
     WorkersOption,
     check_outputs,
     chosen_workers,
@@ -70,7 +71,7 @@ def print_fits(console: Console, result: Identification) -> None:
     mirrored = [joint for joint in result.models.models if joint not in result.recorded]
     if mirrored:
         console.print(f"fitted to mirrored recordings: {', '.join(mirrored)}")
-    _print_measured(console, result.models.measured)
+    print_measured(console, result.models.measured)
     _print_sensitivities(console, result)
     _print_shared(console, result)
     for finding in (*result.findings, *result.blind):
@@ -83,7 +84,7 @@ def print_fits(console: Console, result: Identification) -> None:
         )
 
 
-def _print_measured(console: Console, measured: MeasuredRobot | None) -> None:
+def print_measured(console: Console, measured: MeasuredRobot | None) -> None:
     """Print the facts that were measured of the robot."""
     if measured is None:
         return
@@ -477,8 +478,8 @@ def _refuse_with(option: str, why: str, **options: object) -> None:
 
 
 @contextmanager
-def _progress(console: Console) -> Iterator[tuple[Progress, Confirm]]:
-    """Yield a bar over the time of the runs, and a question that makes room for itself."""
+def recording_progress(console: Console) -> Iterator[tuple[Progress, LineProgress]]:
+    """Yield what shows the progress of runs, and its bar."""
     with make_progress(console) as bars:
         bar = None
         begun = ""
@@ -493,6 +494,14 @@ def _progress(console: Console) -> Iterator[tuple[Progress, Confirm]]:
                 bar = bars.add_task(what, total=total, completed=round(done), before=done)
             begun = what
             bars.update(bar, description=what, completed=done, total=total)
+
+        yield report_progress, bars
+
+
+@contextmanager
+def _progress(console: Console) -> Iterator[tuple[Progress, Confirm]]:
+    """Yield a bar over the time of the runs, and a question that makes room for itself."""
+    with recording_progress(console) as (report_progress, bars):
 
         def confirm(run: IdentificationRun) -> None:
             bars.stop()

@@ -15,9 +15,6 @@ from pepper_driver.log import Label
 from pepper_driver.recording.labels import LabelSource
 from pepper_driver.recording.record import record_labelled
 
-STANDARD = "standard"
-"""Name of the shipped prompts."""
-
 DEFAULT_SECONDS = 60.0
 """[s] for which a robot that plays nothing holds its posture."""
 
@@ -47,7 +44,8 @@ def record(
         str | None,
         typer.Option(
             metavar="NAME_OR_FILE",
-            help=f"Touches that the robot asks for, one after the other: {STANDARD} for the thirty shipped ones.",
+            help="Touches that the robot asks for, one after the other: standard or scale for thirty shipped ones, by "
+            "hand alone or also with a spring scale.",
         ),
     ] = None,
     seed: Annotated[
@@ -76,7 +74,7 @@ def record(
     experiment = None if play is None else load_experiment(play, robot)
     asked = None
     if prompts is not None:
-        asked = load_touch_prompts(robot, None if prompts == STANDARD else Path(prompts))
+        asked = load_touch_prompts(robot, prompts)
     elif experiment is None and seconds is None:
         seconds = DEFAULT_SECONDS
 

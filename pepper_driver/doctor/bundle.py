@@ -49,8 +49,18 @@ _ADDRESSES = (
 )
 
 
+def robot_hash(identity: str) -> str:
+    """Return what stands for a robot's identity in files that are sent: the same in all of them."""
+    return hashlib.sha256(_serial(identity).encode()).hexdigest()[:12]
+
+
+def _serial(identity: str) -> str:
+    """Return the body id of a robot, however it is driven."""
+    return identity.removesuffix("/angles")
+
+
 class Scrubber:
-    """Takes names, addresses and serial numbers out of texts.
+    """Takes names and addresses out of texts, and puts a hash in place of a robot's serial number.
 
     Args:
         uri: Of the robot.
@@ -61,13 +71,14 @@ class Scrubber:
         host = parse_uri(uri).host
         user, _, address = host.rpartition("@")
         names = {
-            "robot": (address.split(":")[0], info.identity.removesuffix("/angles")),
-            "user": (user.split(":")[0], _user(), Path.home().name),
-            "computer": (platform.node(), platform.node().split(".")[0]),
+            robot_hash(info.identity): (_serial(info.identity),),
+            "<robot>": (address.split(":")[0],),
+            "<user>": (user.split(":")[0], _user(), Path.home().name),
+            "<computer>": (platform.node(), platform.node().split(".")[0]),
         }
         # A simulated robot has a hash for its identity, and no address.
         self._names = [
-            (re.compile(rf"(?<!\w){re.escape(name)}(?!\w)", re.IGNORECASE), f"<{what}>")
+            (re.compile(rf"(?<!\w){re.escape(name)}(?!\w)", re.IGNORECASE), what)
             for what, given in names.items()
             for name in sorted(set(given), key=len, reverse=True)
             if len(name) >= MIN_NAME
@@ -120,7 +131,7 @@ def write_bundle(path: Path, uri: str, examination: Examination, motion_test: Mo
         "format": FORMAT,
         "versions": versions(),
         "robot": {
-            "id": hashlib.sha256(info.identity.encode()).hexdigest()[:12],
+            "id": robot_hash(info.identity),
             "scheme": parse_uri(uri).scheme,
             "simulated": "seed" in info.capabilities,
             "response_delay": info.response_delay,

@@ -18,6 +18,7 @@ from pepper_driver.backends.readiness import (
     check_temperatures,
     failed,
     rated,
+    unknown,
 )
 from pepper_driver.config import (
     DoctorSettings,
@@ -117,6 +118,7 @@ def examine(
     uri: str = "mujoco",
     *,
     models: Path | None = None,
+    unidentified: bool = False,
     robot: RobotConfig | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> Examination:
@@ -125,6 +127,7 @@ def examine(
     Args:
         uri: The robot.
         models: Model file; None for the one shipped for this robot.
+        unidentified: No models are looked for: this robot is about to be identified.
         robot: Its description, by default the shipped Pepper.
         on_progress: Called with the fraction of the time that has passed, 0..1.
 
@@ -137,7 +140,9 @@ def examine(
     backend = make_backend(uri, robot)
     seen, results = _robot(backend, robot, settings, safety, on_progress)
     results += [check_settings(safety, controller), check_computer(backend)]
-    found, result = _models(backend.info, models, robot)
+    found, result = None, unknown("models", "this robot is not identified yet")
+    if not unidentified:
+        found, result = _models(backend.info, models, robot)
     return Examination(info=backend.info, results=(*results, result), models=found, inspection=seen)
 
 

@@ -58,7 +58,7 @@ class ModelFitMonitor:
 
     Args:
         robot: Its description.
-        models: To judge.
+        models: To judge; None without: then only the motion is judged.
         settings: Of the observer.
         joints: Names of those that move.
     """
@@ -66,11 +66,15 @@ class ModelFitMonitor:
     def __init__(
         self,
         robot: RobotConfig,
-        models: ModelSet,
+        models: ModelSet | None,
         settings: ObserverSettings,
         joints: Sequence[str],
     ) -> None:
-        self._strict = ContactObserver(robot, models, replace(settings, adapt=False))
+        self._strict = (
+            None
+            if models is None
+            else ContactObserver(robot, models, replace(settings, adapt=False))
+        )
         self._joints = tuple(joints)
         self._columns = [robot.joint_index(name) for name in joints]
         n = len(self._columns)
@@ -84,14 +88,15 @@ class ModelFitMonitor:
     def step(self, tick: Tick, observation: Observation | None) -> None:
         """Take in one tick and what the adapting observer made of it."""
         columns = self._columns
-        strict = self._strict.step(tick)
-        residual = np.abs(strict.residual[columns])
-        load = residual / strict.threshold[columns]
-        seen = np.isfinite(load)
-        self._known += seen
-        self._square += np.where(seen, residual, 0.0) ** 2
-        self._load += np.where(seen, load, 0.0) ** 2
-        self._peak = np.fmax(self._peak, load)
+        if self._strict is not None:
+            strict = self._strict.step(tick)
+            residual = np.abs(strict.residual[columns])
+            load = residual / strict.threshold[columns]
+            seen = np.isfinite(load)
+            self._known += seen
+            self._square += np.where(seen, residual, 0.0) ** 2
+            self._load += np.where(seen, load, 0.0) ** 2
+            self._peak = np.fmax(self._peak, load)
         if observation is not None:
             today = np.abs(observation.residual[columns]) / observation.threshold[columns]
             self._today = np.fmax(self._today, today)

@@ -159,21 +159,26 @@ class MotionTest:
         return not failed(self.results)
 
 
-def make_pepper(uri: str, models: ModelSet, robot: RobotConfig) -> Pepper:
-    """Return the robot for a motion test, with the observer that everybody uses."""
+def make_pepper(uri: str, models: ModelSet | None, robot: RobotConfig) -> Pepper:
+    """Return the robot for a motion test, with the observer that everybody uses, or without models with none."""
+    if models is None:
+        return Pepper(uri, observer=None, robot=robot)
     observer = ContactObserver(robot, models, load_observer_settings())
     measured = measured_robot(models)
     return Pepper(uri_with_measured_delay(uri, measured), observer=observer, robot=robot)
 
 
 def try_motion(
-    pepper: Pepper, models: ModelSet, *, on_progress: Callable[[float], None] | None = None
+    pepper: Pepper,
+    models: ModelSet | None,
+    *,
+    on_progress: Callable[[float], None] | None = None,
 ) -> MotionTest:
     """Move each joint of arms and head by a few degrees, and compare with its model. Failures are in the results.
 
     Args:
         pepper: Of :func:`make_pepper`, not active; it is closed afterwards.
-        models: To judge.
+        models: To judge; None for a robot that is not identified yet: then its delay and its motion are judged.
         on_progress: Called with the fraction of the time that has passed, 0..1.
     """
     robot, settings = pepper.config, load_doctor_settings()
@@ -219,13 +224,10 @@ def try_motion(
         remedy="end other programs on this computer, and permit real-time priority (docs/realtime.md)",
     )
     fits = watch.fits(settings)
-    results = (
-        ticks,
-        _judge_delay(recordings[SMALL_STEPS], models, pepper.backend.info.response_delay, robot),
-        _judge_following(fits),
-        _judge_models(fits, settings),
-        _judge_touch(contacts),
-    )
+    delay = _judge_delay(recordings[SMALL_STEPS], models, pepper.backend.info.response_delay, robot)
+    results: tuple[CheckResult, ...] = (ticks, delay, _judge_following(fits))
+    if models is not None:
+        results += (_judge_models(fits, settings), _judge_touch(contacts))
     return MotionTest(results=results, fits=fits, recordings=recordings)
 
 
@@ -264,15 +266,18 @@ def _response_motion(middle: FloatArray, robot: RobotConfig) -> Experiment:
 
 
 def _judge_delay(
-    recording: Recording, models: ModelSet, reported: int, robot: RobotConfig
+    recording: Recording, models: ModelSet | None, reported: int, robot: RobotConfig
 ) -> CheckResult:
     """Compare the delay from a command to its current with that of the models."""
     try:
         measured = measure_response(recording, measured_joints(robot), robot)
     except ResponseError as error:
         return unknown("delay", str(error))
-    delay, known = reported + measured.lead, models.measured
+    delay = reported + measured.lead
     found = f"{delay} ticks from a command to its answer"
+    if models is None:
+        return rated("delay", f"{found}, {reported} reported; identification measures it")
+    known = models.measured
     if known is None:
         return rated(
             "delay",

@@ -150,8 +150,8 @@ def _bundle(source: Path, folder: Path, parts: Collection[Part]) -> Bundle:
 def _check_robot(source: Path, part: Part, file: Path, state: FirstHour) -> None:
     """Refuse a part of another robot than the state says, and one that cannot be read."""
     try:
-        identity = _identity(part, file)
-    except (ModelFileError, RecordingFolderError, OSError) as error:
+        identity = _identity(part, file, state.cycle)
+    except (ModelFileError, RecordingFolderError, OSError, ValueError) as error:
         text = reason(error).replace(f"{file.parent}/", "")
         raise BundleError(f"{source}: {PLACES[part]} cannot be read: {text}") from error
     if identity is not None and identity != state.identity:
@@ -161,10 +161,12 @@ def _check_robot(source: Path, part: Part, file: Path, state: FirstHour) -> None
         )
 
 
-def _identity(part: Part, file: Path) -> str | None:
-    """Return the identity of the robot that a part is of; None where it does not say."""
+def _identity(part: Part, file: Path, cycle: float) -> str | None:
+    """Return the identity of the robot that a part is of; None where it does not say. Its clock is checked too."""
     if part == "models":
-        return ModelSet.load(file).identity
+        models = ModelSet.load(file)
+        _check_clock(models.cycle, cycle)
+        return models.identity
     if part == "identification":
         manifest = read_manifest(file)
         names = [run.name for run in manifest.runs]
@@ -180,7 +182,13 @@ def _identity(part: Part, file: Path) -> str | None:
         found = find_metadata(log.read(BEGIN_SIZE), (RUN,))
     if RUN not in found:
         raise OSError("it is no log of this package, or its begin is damaged")
+    _check_clock(float(found[RUN].get("cycle", "nan")), cycle)
     return found[RUN].get("identity")
+
+
+def _check_clock(cycle: float, expected: float) -> None:
+    if cycle != expected:
+        raise OSError(f"it is of a robot whose clock has cycles of {cycle} s, not {expected} s")
 
 
 def _extract(path: Path, folder: Path) -> None:

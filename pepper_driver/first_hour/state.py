@@ -18,7 +18,7 @@ from pepper_driver.config import ConfigError, PepperError, RobotConfig
 from pepper_driver.config.errors import reason, short_reason
 from pepper_driver.config.files import write_json
 from pepper_driver.config.loading import STRICT, parse
-from pepper_driver.config.parts import NonNegative, Positive
+from pepper_driver.config.parts import Positive
 from pepper_driver.config.touch_prompts import TouchPrompts
 from pepper_driver.identification.measurements.friction import HeldWeight
 
@@ -42,13 +42,12 @@ class FirstHourError(PepperError, ValueError):
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class StepRecord:
-    """What became of one step.
+    """State and result of one step.
 
     Attributes:
         name: Of the step.
         progress: ``begun`` is one that was ended early: what it recorded is kept.
         begin, end: Date and time, UTC, ISO 8601; None where it has not begun or ended.
-        robot_time: Time of the robot at its last end [s], None for steps that do not move it.
         figures: What it found, by name.
     """
 
@@ -56,7 +55,6 @@ class StepRecord:
     progress: Progress = "open"
     begin: str | None = None
     end: str | None = None
-    robot_time: NonNegative | None = None
     figures: Mapping[str, Figure] = field(default_factory=dict)
 
 

@@ -143,7 +143,7 @@ def record_missing(
             report_progress(run.name, before + fraction * run.seconds, total)
 
         advance(0.0)
-        perform(uri, run, on_progress=advance).save(recording_path(folder, run.name))
+        perform(uri, run, stop_key=True, on_progress=advance).save(recording_path(folder, run.name))
         done += run.seconds
         report_progress(run.name, done, total)
 
@@ -272,6 +272,7 @@ def record_joints(
     tested: Sequence[str] = (),
     calibration: Experiment | None = None,
     measure: bool = False,
+    measure_only: bool = False,
     weight: HeldWeight | None = None,
     seed: int = 0,
     workers: Workers = -1,
@@ -291,6 +292,7 @@ def record_joints(
         tested: Joints with a test run only.
         calibration: Free motion of the whole body; None for none.
         measure: Measure the robot too.
+        measure_only: End after that: the same call without it makes the other runs.
         weight: Known weight in a hand, for one measurement more; None for none.
         seed: Root of the random motion and noise.
         workers: Processes for simulated runs, -1 for one per core; or a cluster.
@@ -328,6 +330,9 @@ def record_joints(
             response = load_measurement(folder, robot)[RESPONSE]
             measured = measure_response(response, measured_joints(robot), robot)
             uri = with_delay(uri, max(0, backend.info.response_delay + measured.lead))
+        if measure_only:
+            measurement = load_measurement(folder, robot)
+            return IdentificationDataset(sweeps=(), calibration=(), measurement=measurement)
         record(uri, runs)
     return load_recordings(folder, robot)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -22,7 +23,7 @@ from pepper_driver.config import (
     load_robot,
 )
 from pepper_driver.config.passwords import without_secrets
-from pepper_driver.config.steps import Sweeps
+from pepper_driver.config.steps import Setpoints, Sweeps
 from pepper_driver.controller import Tick
 from pepper_driver.experiments.plan import plan_experiment
 from pepper_driver.identification.measurements.friction import GRAVITY, HeldWeight
@@ -35,6 +36,7 @@ from pepper_driver.identification.measurements.program import (
     WEIGHT,
 )
 from pepper_driver.observer import Observation, Recording, RecordingBuilder
+from pepper_driver.recording.terminal_keys import StopKey
 from pepper_driver.robot import Pepper
 from pepper_driver.safety import FaultError
 
@@ -215,10 +217,19 @@ def _calibration_runs(
             joint=None,
             role="calibration",
             seed=(seed, len(robot.joint_names), number),
-            watched=BODY_MOVES,
+            watched=BODY_MOVES if _moves_body(robot, experiment) else "",
         )
         for number, stiffness in enumerate(CALIBRATION_STIFFNESS)
     ]
+
+
+def _moves_body(robot: RobotConfig, experiment: Experiment) -> bool:
+    """Return False where arms and head alone move, by random set-points."""
+    step = experiment.random_step
+    if len(experiment.steps) != 1 or step is None or not isinstance(step.goals, Setpoints):
+        return True
+    joints = (*step.goals.joints, *step.goals.secondary_joints)
+    return step.goals.base is not None or not set(robot.chains["legs"]).isdisjoint(joints)
 
 
 def _run(
@@ -234,7 +245,9 @@ def _run(
 ) -> IdentificationRun:
     experiment = replace(experiment, stiffness=stiffness)
     plan = plan_experiment(experiment, robot, MockBackend(robot), seed=seed)
-    ticks = sum(segment.ticks for segment in plan.segments)
+    seconds = sum(segment.ticks for segment in plan.segments) * robot.cycle
+    if experiment.random_step is None:  # segments do not have the repetitions of a block
+        seconds = experiment.longest_time
     return IdentificationRun(
         name=name,
         joint=joint,
@@ -242,7 +255,7 @@ def _run(
         experiment=experiment,
         stiffness=stiffness,
         seed=seed,
-        seconds=ticks * robot.cycle,
+        seconds=seconds,
         watched=watched,
     )
 
@@ -264,6 +277,7 @@ def perform(
     run: IdentificationRun,
     *,
     identity: str | None = None,
+    stop_key: bool = False,
     on_progress: Callable[[float], None] | None = None,
 ) -> Recording:
     """Have a robot perform a run. However it ends, the robot is stopped safely.
@@ -272,6 +286,7 @@ def perform(
         uri: The backend.
         run: What to do.
         identity: Of the robot that is expected; None for any.
+        stop_key: Whether a key of the terminal stops the robot.
         on_progress: Called with the fraction of the time that has passed, 0..1.
 
     Raises:
@@ -287,7 +302,7 @@ def perform(
             "its plant differs there, or was changed"
         )
     plan = plan_experiment(run.experiment, robot, pepper.backend, seed=run.seed)
-    with pepper:
+    with StopKey(pepper.emergency_stop) if stop_key else nullcontext(), pepper:
         if run.weight is not None and "push" in pepper.backend.info.capabilities:
             force = (0.0, 0.0, -run.weight.mass * GRAVITY)
             # Until the end: the motion to the first posture comes before.

@@ -39,6 +39,7 @@ class LabelledRun:
         released: Whether the last touch was over at the end.
         interrupt: What ended it early, Ctrl-C or a signal; None where nothing did.
         missing: Ticks that did not get into the log.
+        contacts: That an observer detected meanwhile; None without one.
     """
 
     seconds: float
@@ -46,6 +47,7 @@ class LabelledRun:
     released: bool
     interrupt: KeyboardInterrupt | None
     missing: int
+    contacts: int | None = None
 
 
 def prompted_experiment(prompts: TouchPrompts) -> Experiment:
@@ -69,6 +71,8 @@ def record_labelled(
     seed: int | None = None,
     link: str | None = None,
     joint: str | None = None,
+    observer: str | None = None,
+    models: Path | str | None = None,
     on_prompt: Callable[[int, TouchPrompt], None] | None = None,
     on_label: Callable[[Label], None] | None = None,
     on_start: Callable[[Pepper], None] | None = None,
@@ -85,6 +89,8 @@ def record_labelled(
         seed: Of the experiment's random goals; None for its own.
         link: What is touched; in place of the link of the sensor.
         joint: The last joint that moves it.
+        observer: Name of one that runs meanwhile; None for none.
+        models: Its model file, by default the one shipped for this robot.
         on_prompt: Called with number and prompt when its time has come, inside the tick: must be quick.
         on_label: Called with each label, inside the tick: must be quick.
         on_start: Given the robot when it is ready: to push a simulated one, for example.
@@ -116,12 +122,12 @@ def record_labelled(
         labeller = PromptedLabeller(source, prompts, robot, space_bar)
     if experiment is not None:
         uri = experiment_uri(uri, experiment)
-    pepper = Pepper(uri, observer=None, robot=robot, real_time=by_key)
+    pepper = Pepper(uri, observer=observer, models=models, robot=robot, real_time=by_key)
     plan = None
     if experiment is not None:
         experiment = replace(experiment, reactions=())
         plan = plan_experiment(experiment, robot, pepper.backend, seed=seed)
-    ticks = touches = 0
+    ticks = touches = contacts = 0
     made: deque[Label] = (
         deque()
     )  # also by the ticks between the start and the first call of on_tick
@@ -129,8 +135,10 @@ def record_labelled(
     asked: int | None = None
 
     def on_tick(tick: Tick, observation: Observation | None) -> None:
-        nonlocal ticks, touches, asked
+        nonlocal ticks, touches, contacts, asked
         ticks += 1
+        if observation is not None:
+            contacts += sum(contact.phase == "begin" for contact in observation.contacts)
         if isinstance(labeller, PromptedLabeller) and prompts is not None:
             before, asked = asked, labeller.number(tick.measurement.time)
             if asked is not None and asked != before and on_prompt is not None:
@@ -168,4 +176,5 @@ def record_labelled(
         released=not labeller.touched,
         interrupt=interrupt,
         missing=log.dropped,
+        contacts=None if observer is None else contacts,
     )

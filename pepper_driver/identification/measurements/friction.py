@@ -154,7 +154,7 @@ def _weight_torque(
 ) -> FloatArray:
     """Return the torque that a weight asks of a joint in the samples of slow motion [N m]."""
     model, point = RobotModel(robot), np.array(weight.xyz)
-    postures = run.position[_slow_samples(run, index)]
+    postures = run.position[slow_samples(run, index)]
     # The weight hangs straight down from a robot that stands upright.
     return np.array(
         [
@@ -195,12 +195,12 @@ def _fit_weight(
 
 def _sweep(run: Recording, index: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return current [A], direction, and load torque [N m] of the samples of slow motion."""
-    settled = _slow_samples(run, index)
+    settled = slow_samples(run, index)
     direction = np.sign(run.velocity[settled, index])
     return run.current[settled, index], direction, run.load_torque[settled, index]
 
 
-def _slow_samples(run: Recording, index: int) -> BoolArray:
+def slow_samples(run: Recording, index: int) -> BoolArray:
     """Return (n,) True in slow motion whose friction has turned round."""
     speed = run.velocity[:, index]
     direction = np.sign(speed)

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from pepper_driver.config import load_experiment, load_plant
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.identification.measurements.friction import (
     GRAVITY,
     HeldWeight,
     measure_friction,
     measure_torque_scale,
 )
+from pepper_driver.identification.measurements.held_weight import falling_weight
 from pepper_driver.observer import Recording, RecordingBuilder
 from pepper_driver.robot import Pepper
 from support.identification import ROBOT
@@ -127,3 +129,24 @@ def test_a_simulated_robot_has_the_friction_and_the_gears_that_are_measured(plan
     # The weight does not hang from the other arm, and hardly turns the wrist.
     for joint in ("RShoulderPitch", "LWristYaw"):
         assert measure_torque_scale([run], [loaded], joint, weight, ROBOT) is None
+
+
+@pytest.mark.whole
+def test_a_weight_that_falls_or_comes_late_is_noticed() -> None:
+    weight = HeldWeight(mass=0.5, link="l_wrist", xyz=(0.07, 0.0, 0.0))
+    empty, loaded = slow_sweeps("recorded"), slow_sweeps("recorded", weight)
+    middle = len(loaded) // 2
+
+    def judged(current: FloatArray) -> str | None:
+        runs = {"measure_friction": empty, "measure_weight": replace(loaded, current=current)}
+        return falling_weight(runs, weight, ROBOT)
+
+    assert judged(loaded.current) is None
+    # Both runs are the same motion: from the fall on, the currents are those of an empty hand.
+    n = min(len(empty), len(loaded))
+    fell, late = loaded.current.copy(), loaded.current.copy()
+    fell[middle:n] = empty.current[middle:n]
+    late[:middle] = empty.current[:middle]
+    assert "it fell meanwhile" in str(judged(fell))
+    assert "hung in too late" in str(judged(late))
+    assert "was not in the hand" in str(judged(empty.current[: len(loaded)]))

@@ -1,0 +1,359 @@
+"""Steps of a first hour on a robot: each opens it, and lets it go at its end."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+from pepper_driver.backends import BackendInfo, Measurement, make_backend
+from pepper_driver.backends.readiness import (
+    CheckResult,
+    CheckStatus,
+    check_battery,
+    check_temperatures,
+)
+from pepper_driver.config import Experiment, RobotConfig, load_safety_settings
+from pepper_driver.config.touch_prompts import TouchPrompt
+from pepper_driver.config.workers import Workers
+from pepper_driver.controller import Tick
+from pepper_driver.doctor import examine, try_motion
+from pepper_driver.doctor.bundle import write_bundle
+from pepper_driver.doctor.examination import Examination
+from pepper_driver.doctor.motion_test import MotionTest, make_pepper
+from pepper_driver.experiments.plan import plan_experiment
+from pepper_driver.first_hour.bundle import PLACES
+from pepper_driver.first_hour.operator import Operator
+from pepper_driver.first_hour.plan import BY_KEY, HourPlan, standing
+from pepper_driver.first_hour.state import Figure, FirstHourError, StepName
+from pepper_driver.identification import (
+    Identification,
+    fit_folder,
+    read_manifest,
+    record_joints,
+)
+from pepper_driver.identification import Progress as RecordingProgress
+from pepper_driver.identification.dataset import load_measurement, recording_path
+from pepper_driver.identification.measurements.held_weight import falling_weight
+from pepper_driver.identification.measurements.program import WEIGHT, measure_robot
+from pepper_driver.identification.runs import run_name
+from pepper_driver.observer import Contact, Observation
+from pepper_driver.observer.models.measured_robot import MeasuredRobot
+from pepper_driver.recording.record import record_labelled
+from pepper_driver.recording.terminal_keys import StopKey
+from pepper_driver.robot import Pepper
+
+OBSERVER = "fusion"
+
+
+class Display(Protocol):
+    """Where steps show what they do and find."""
+
+    def line(self, text: str) -> None:
+        """Show a line."""
+
+    def checks(self, results: Sequence[CheckResult]) -> None:
+        """Show checks of the doctor."""
+
+    def measured(self, robot: MeasuredRobot) -> None:
+        """Show facts about a robot."""
+
+    def identification(self, result: Identification) -> None:
+        """Show models: how they fit, and what touch they notice."""
+
+    def bar(self, what: str) -> AbstractContextManager[Callable[[float], None]]:
+        """Show a bar while the block is open; what it yields takes the fraction that is done, 0..1."""
+
+    def runs(
+        self, ask: Callable[[str], None]
+    ) -> AbstractContextManager[tuple[RecordingProgress, Callable[[str], None]]]:
+        """Show the progress of runs; the second part asks, and makes room for the question."""
+
+
+def look(uri: str, robot: RobotConfig) -> tuple[BackendInfo, Measurement]:
+    """Connect to a robot, read it once, and let it go: nothing is sent to it.
+
+    Raises:
+        PepperError: It cannot be reached.
+    """
+    backend = make_backend(uri, robot)
+    try:
+        measurement = backend.open()
+        return backend.info, measurement
+    finally:
+        backend.close()
+
+
+def check_fit(uri: str, robot: RobotConfig, identity: str) -> None:
+    """See that a robot is still the one that began, charged and cool, before it moves again.
+
+    Raises:
+        FirstHourError: It is not; the message has the remedy.
+        PepperError: It cannot be reached.
+    """
+    info, measurement = look(uri, robot)
+    if info.identity != identity:
+        raise FirstHourError(
+            f"this is another robot than the one that began this hour ({info.identity}, not {identity}); connect to "
+            "that one, or give another folder to --out"
+        )
+    safety = load_safety_settings()
+    results = (
+        check_battery(measurement.battery, safety),
+        check_temperatures(measurement.temperature, robot, safety),
+    )
+    # Motors without a reading are a warning as well, but waiting does not help there.
+    too_warm = (measurement.temperature >= safety.temperature_warning).any()
+    for result in results:
+        bad = result.status in (CheckStatus.WARNING, CheckStatus.FAILED)
+        if bad and (result.name == "battery" or too_warm):
+            raise FirstHourError(f"{result}; then go on")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotSteps:
+    """The steps, on one robot.
+
+    Attributes:
+        uri: Of the robot.
+        info: Of its backend.
+        robot: Its description.
+        plan: What the steps are.
+        folder: For what they record.
+        archive: That is packed at the end.
+        operator: Asked where a step needs a person.
+        display: Where they show what they find.
+        workers: Processes for the fit, -1 for one per core.
+    """
+
+    uri: str
+    info: BackendInfo
+    robot: RobotConfig
+    plan: HourPlan
+    folder: Path
+    archive: Path
+    operator: Operator
+    display: Display
+    workers: Workers = -1
+
+    def actions(self) -> dict[StepName, Callable[[], Mapping[str, Figure]]]:
+        """Return all steps by name."""
+        return {
+            "doctor": self.doctor,
+            "measure": self.measure,
+            "identify": self.identify,
+            "rest": partial(self.watch, "rest", standing(self.plan.settings.rest)),
+            "free": partial(self.watch, "free", self.plan.free),
+            "touches": self.touches,
+            "pack": self.pack,
+        }
+
+    # -- before models ------------------------------------------------------------------------------------------------
+
+    def doctor(self) -> Mapping[str, Figure]:
+        """Examine the robot at rest and in a small motion; what was seen is kept also where a check fails."""
+        with self.display.bar("looking") as advance:
+            seen = examine(self.uri, unidentified=True, robot=self.robot, on_progress=advance)
+        self.display.checks(seen.results)
+        moved = MotionTest(results=(), fits=())
+        if seen.passed:
+            pepper = make_pepper(self.uri, None, self.robot)
+            with (
+                StopKey(pepper.emergency_stop),
+                self.display.bar("moving arms and head by a few degrees") as advance,
+            ):
+                moved = try_motion(pepper, None, on_progress=advance)
+            self.display.checks(moved.results)
+        write_bundle(self.folder / PLACES["doctor"], self.uri, seen, moved)
+        _refuse_failed(seen, moved)
+        return {
+            "checks": len(seen.results) + len(moved.results),
+            "warnings": tuple(
+                result.name
+                for result in (*seen.results, *moved.results)
+                if result.status is CheckStatus.WARNING
+            ),
+        }
+
+    def measure(self) -> Mapping[str, Figure]:
+        """Measure the robot: delay, noise, friction, speed, and the scale of torques by a weight."""
+        self._record(measure_only=True)
+        if self.plan.weight is not None:
+            recordings = load_measurement(self._recordings, self.robot)
+            doubt = falling_weight(recordings, self.plan.weight, self.robot)
+            if doubt is not None and self._repeat([run_name(WEIGHT, 1)], doubt):
+                self._record(measure_only=True)
+        recordings = load_measurement(self._recordings, self.robot)
+        manifest = read_manifest(self._recordings)
+        measured = measure_robot(recordings, manifest.response_delay, self.robot, self.plan.weight)
+        self.display.measured(measured)
+        return {
+            "delay_ticks": measured.response_delay,
+            "reported_delay_ticks": measured.reported_delay,
+            "late": measured.late,
+            "lost": measured.lost,
+            "limited": tuple(k for k, one in measured.joints.items() if one.speed_limited),
+        }
+
+    def identify(self) -> Mapping[str, Figure]:
+        """Record free motion, fit models; runs that look touched may be recorded again."""
+        while True:
+            self._record()
+            with self.display.bar("fitting models: the robot rests meanwhile"):
+                result = fit_folder(self._recordings, "fusion", compare=False, workers=self.workers)
+            self.display.identification(result)
+            touched = sorted(
+                {one.run for one in result.findings if one.kind == "contact" and one.run}
+            )
+            reason = (
+                f"{len(touched)} runs look as if a person touched the robot: {', '.join(touched)}"
+            )
+            if not (touched and self._repeat(touched, reason)):
+                break
+        result.models.save(self.folder / PLACES["models"])
+        return {
+            "fit": _median([fit.test for fit in result.fits["fusion"].values()]),
+            "threshold_deg": _median(
+                [math.degrees(one.threshold) for one in result.sensitivities.values()]
+            ),
+            "blind": tuple(one.joint for one in result.blind if one.joint is not None),
+            "touched": tuple(touched),
+        }
+
+    @property
+    def _recordings(self) -> Path:
+        return self.folder / PLACES["identification"]
+
+    def _record(self, *, measure_only: bool = False) -> None:
+        with self.display.runs(self.operator.confirm) as (progress, ask):
+            record_joints(
+                self.uri,
+                self.plan.joints,
+                self.plan.experiment,
+                self._recordings,
+                calibration=self.plan.calibration,
+                measure=True,
+                measure_only=measure_only,
+                weight=self.plan.weight,
+                seed=self.plan.experiment.seed,
+                workers=self.workers,
+                confirm=lambda run: ask(f"Next, for {run.seconds:.0f} s: {run.watched}. Ready?"),
+                progress=progress,
+            )
+
+    def _repeat(self, runs: Sequence[str], reason: str) -> bool:
+        """Offer to record runs again; what was recorded is then set aside."""
+        self.display.line(f"warning: {reason}")
+        if not self.operator.offer(
+            "Record this again?" if len(runs) == 1 else "Record these again?"
+        ):
+            return False
+        for run in runs:
+            set_aside(recording_path(self._recordings, run))
+        return True
+
+    # -- with models --------------------------------------------------------------------------------------------------
+
+    def watch(self, name: StepName, experiment: Experiment) -> Mapping[str, Figure]:
+        """Play an experiment without a touch: all contacts are false."""
+        log = self.folder / f"{name}.mcap"
+        set_aside(log)
+        begun: list[Contact] = []
+        pepper = Pepper(
+            self.uri,
+            observer=OBSERVER,
+            models=self.folder / PLACES["models"],
+            robot=self.robot,
+        )
+        plan = plan_experiment(experiment, self.robot, pepper.backend)
+
+        def on_tick(tick: Tick, observation: Observation | None) -> None:
+            if observation is not None:
+                begun.extend(one for one in observation.contacts if one.phase == "begin")
+
+        with (
+            self.display.bar(self.plan.step(name).title) as advance,
+            StopKey(pepper.emergency_stop),
+            pepper,
+        ):
+            pepper.start_log(log)
+            pepper.play(plan, on_tick=on_tick, on_progress=advance)
+        for contact in begun:
+            self.display.line(f"{contact.time:8.2f} s  false contact at {contact.link}")
+        return {
+            "false_contacts": len(begun),
+            "links": tuple(dict.fromkeys(one.link for one in begun)),
+            "seconds": experiment.longest_time,
+        }
+
+    def touches(self) -> Mapping[str, Figure]:
+        """Ask for touches, and label them."""
+        log = self.folder / PLACES["touches"]
+        set_aside(log)
+        active: list[Pepper] = []
+
+        def stop(reason: str) -> None:
+            for pepper in active:
+                pepper.emergency_stop(reason)
+
+        def ask(number: int, prompt: TouchPrompt) -> None:
+            force = "" if prompt.force is None else f" ({prompt.force:g} N)"
+            self.display.line(f"{number + 1:3d}. {prompt.say}{force}")
+
+        # Where the space bar labels touches, it cannot stop the robot.
+        with nullcontext() if self.plan.label == BY_KEY else StopKey(stop):
+            done = record_labelled(
+                self.uri,
+                log,
+                self.plan.label,
+                prompts=self.plan.prompts,
+                observer=OBSERVER,
+                models=self.folder / PLACES["models"],
+                on_prompt=ask,
+                on_label=lambda label: self.display.line(f"{label.time:8.2f} s  {label.phase}"),
+                on_start=active.append,
+            )
+        if done.interrupt is not None:
+            raise done.interrupt
+        asked = len(self.plan.prompts.touches)
+        if done.touches < asked:
+            self.display.line(f"warning: {done.touches} of {asked} touches were labelled")
+        return {"asked": asked, "touches": done.touches, "contacts": done.contacts}
+
+    def pack(self) -> Mapping[str, Figure]:
+        """Pack what can be sent."""
+        from pepper_driver.first_hour.pack import pack_bundle
+
+        pack_bundle(self.folder, self.archive, self.uri, self.info)
+        size = self.archive.stat().st_size / 1e6
+        self.display.line(
+            f"archive: {self.archive}, {size:.0f} MB; look through it before you send it"
+        )
+        return {"megabytes": size}
+
+
+def set_aside(path: Path) -> None:
+    """Give a file another name, where there is one: an earlier attempt is not lost."""
+    if not path.exists():
+        return
+    number = 1
+    while (other := path.with_name(f"{path.name}.early-{number}")).exists():
+        number += 1
+    path.rename(other)
+
+
+def _refuse_failed(seen: Examination, moved: MotionTest) -> None:
+    failed = [
+        result for result in (*seen.results, *moved.results) if result.status is CheckStatus.FAILED
+    ]
+    if failed:
+        raise FirstHourError("; ".join(str(result) for result in failed))
+
+
+def _median(values: Sequence[float]) -> float | None:
+    ordered = sorted(values)
+    return ordered[len(ordered) // 2] if ordered else None

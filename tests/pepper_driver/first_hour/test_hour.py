@@ -1,0 +1,261 @@
+"""Steps of a first hour one after the other: what ends one early, and what is kept."""
+
+import json
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from math import ceil
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pepper_driver.backends import Backend
+from pepper_driver.cli.app import run
+from pepper_driver.config import ConfigError, PepperError, RobotConfig
+from pepper_driver.config.file_lock import InUseError, lock_folder
+from pepper_driver.config.first_hour import load_first_hour
+from pepper_driver.first_hour.hour import run_hour
+from pepper_driver.first_hour.operator import OperatorLeftError, TerminalOperator
+from pepper_driver.first_hour.plan import (
+    MAX_HANDS_TIME,
+    MAX_ROBOT_TIME,
+    HourPlan,
+    PlannedStep,
+    plan_hour,
+)
+from pepper_driver.first_hour.state import (
+    STATE,
+    STEPS,
+    Figure,
+    FirstHour,
+    FirstHourError,
+    StepName,
+    load_state,
+    save_state,
+)
+from pepper_driver.first_hour.steps import check_fit, set_aside
+from pepper_driver.identification.measurements.program import held_weight
+from pepper_driver.testing.faults import drained, heated
+from support.doctor import Patient
+from support.examples import examples
+from support.first_hour import INFO, ROBOT, open_hour
+
+PAGE = Path(__file__).parents[3] / "docs" / "first_robot.md"
+
+
+@pytest.fixture(scope="module")
+def plan() -> HourPlan:
+    """The shipped plan, with a weight."""
+    weight = held_weight(0.5, "left")
+    return plan_hour(ROBOT, load_first_hour(), label="key", weight=weight)
+
+
+class Robot:
+    """Steps without a robot: each writes a file of its own attempt, and may end early at three places.
+
+    Args:
+        folder: Of the hour.
+        ends: By call of a step, in their order: where it ends; ``done`` when there are no more.
+    """
+
+    def __init__(self, folder: Path, ends: list[str]) -> None:
+        self._folder, self._ends = folder, ends
+        self._now = "done"
+        self.written: list[str] = []
+        self.made: list[StepName] = []
+        self.lines: list[str] = []
+
+    def check(self, step: PlannedStep) -> None:
+        self._now = self._ends.pop(0) if self._ends else "done"
+        if self._now == "check":
+            raise FirstHourError("battery: 15%")
+
+    def confirm(self, question: str) -> None:
+        if self._now == "leaves":
+            raise OperatorLeftError("no answer for 600 s")
+
+    def offer(self, question: str) -> bool:
+        return False
+
+    def actions(self) -> dict[StepName, Callable[[], Mapping[str, Figure]]]:
+        return {name: self._action(name) for name in STEPS}
+
+    def _action(self, name: StepName) -> Callable[[], Mapping[str, Figure]]:
+        def act() -> Mapping[str, Figure]:
+            path = self._folder / f"{name}.mcap"
+            set_aside(path)
+            text = f"{name}, attempt {len(self.written)}"
+            path.write_text(text)
+            self.written.append(text)
+            if self._now == "stopped":
+                raise PepperError("the button on the chest was pressed")
+            if self._now == "interrupted":
+                raise KeyboardInterrupt
+            self.made.append(name)
+            return {"attempt": text}
+
+        return act
+
+    def run(self, plan: HourPlan, asked: FirstHour | None = None) -> FirstHour:
+        return run_hour(
+            self._folder,
+            asked or open_hour(),
+            plan,
+            self.actions(),
+            self,
+            check=self.check,
+            show=self.lines.append,
+        )
+
+
+@examples(60)
+@given(
+    ends=st.lists(
+        st.sampled_from(["check", "leaves", "stopped", "interrupted", "done"]), max_size=12
+    )
+)
+def test_whatever_ends_it_early_the_same_command_comes_to_the_same_end(
+    plan: HourPlan, tmp_path_factory: pytest.TempPathFactory, ends: list[str]
+) -> None:
+    folder = tmp_path_factory.mktemp("hour")
+    robot = Robot(folder, list(ends))
+    for _ in range(len(ends) + 1):
+        done = (
+            [s.name for s in load_state(folder / STATE).steps if s.progress == "done"]
+            if (folder / STATE).exists()
+            else []
+        )
+        try:
+            hour = robot.run(plan)
+            break
+        except (PepperError, KeyboardInterrupt):
+            assert "the same command goes on" in robot.lines[-1]
+            after = load_state(folder / STATE)
+            assert [s.name for s in after.steps if s.progress == "done"][: len(done)] == done
+    assert robot.made == list(STEPS)  # each step once
+    assert hour == load_state(folder / STATE)
+    assert hour.next_step is None
+    # Every attempt is there, under one name or another, and the last one under its own.
+    files = {path.read_text() for path in folder.iterdir() if ".mcap" in path.name}
+    assert files == set(robot.written)
+    for step in hour.steps:
+        assert (folder / f"{step.name}.mcap").read_text() == step.figures["attempt"]
+
+
+def test_codes_say_whether_it_had_begun(plan: HourPlan, tmp_path: Path) -> None:
+    with pytest.raises(OperatorLeftError) as raised:
+        Robot(tmp_path, ["leaves"]).run(plan)
+    assert not raised.value.while_active
+    with pytest.raises(OperatorLeftError) as raised:
+        Robot(tmp_path, ["done", "leaves"]).run(plan)
+    assert raised.value.while_active
+    assert load_state(tmp_path / STATE).next_step == "measure"
+
+
+def test_another_robot_and_a_second_command_are_refused(plan: HourPlan, tmp_path: Path) -> None:
+    with pytest.raises(PepperError, match="button"):
+        Robot(tmp_path, ["done", "stopped"]).run(plan)
+    before = (tmp_path / STATE).read_text()
+    with pytest.raises(FirstHourError, match="of the robot"):
+        Robot(tmp_path, []).run(plan, replace(open_hour(), identity="another"))
+    with lock_folder(tmp_path), pytest.raises(InUseError):
+        Robot(tmp_path, []).run(plan)
+    assert (tmp_path / STATE).read_text() == before
+
+
+def test_the_hour_is_an_hour_and_the_page_says_so(plan: HourPlan) -> None:
+    assert plan.robot < MAX_ROBOT_TIME
+    assert plan.hands < MAX_HANDS_TIME
+    rows = re.findall(
+        r"^\| \d \| `(\w+)` \| .* \| (\d+) min \| (\d+) min \|$", PAGE.read_text(), re.MULTILINE
+    )
+    printed = {name: (int(robot), int(hands)) for name, robot, hands in rows}
+    assert printed == {
+        step.name: (ceil(step.robot / 60.0), ceil(step.hands / 60.0)) for step in plan.steps
+    }
+    assert tuple(printed) == STEPS
+    found = re.search(
+        r"^\| \| all \| \| (\d+) min \| (\d+) min \|$", PAGE.read_text(), re.MULTILINE
+    )
+    assert found is not None
+    sums = tuple(map(sum, zip(*printed.values(), strict=True)))
+    assert (int(found[1]), int(found[2])) == sums
+    assert sums[0] <= 60
+    assert sums[1] <= 15
+
+
+def test_nothing_in_the_plan_moves_legs_or_base(plan: HourPlan) -> None:
+    legs = set(ROBOT.chains["legs"])
+    for runs in plan.runs.values():
+        assert not any(run.moves_legs for run in runs)
+        assert not legs & {run.joint for run in runs}
+    (goals,) = (step.goals for step in plan.free.steps if hasattr(step, "goals"))
+    assert not legs & set(goals.joints)
+
+
+@pytest.fixture
+def patient(monkeypatch: pytest.MonkeyPatch) -> Callable[[Patient], None]:
+    def use(backend: Patient) -> None:
+        def make(uri: str, robot: RobotConfig | None = None) -> Backend:
+            return backend
+
+        monkeypatch.setattr("pepper_driver.first_hour.steps.make_backend", make)
+
+    return use
+
+
+def test_a_robot_is_looked_at_before_each_step(patient: Callable[[Patient], None]) -> None:
+    patient(Patient())
+    check_fit("mock", ROBOT, INFO.identity)
+    with pytest.raises(FirstHourError, match="another robot"):
+        check_fit("mock", ROBOT, "another")
+    patient(Patient(drained(0.19)))
+    with pytest.raises(FirstHourError, match=r"battery: 19%.*charge it"):
+        check_fit("mock", ROBOT, INFO.identity)
+    patient(Patient(drained(0.21)))
+    check_fit("mock", ROBOT, INFO.identity)
+    hot = Patient(heated("LElbowRoll", 70.0))
+    patient(hot)
+    with pytest.raises(FirstHourError, match=r"LElbowRoll is warmest with 70 deg C.*cool"):
+        check_fit("mock", ROBOT, INFO.identity)
+    assert not hot.moved
+
+
+def test_a_question_without_a_terminal_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(ConfigError, match="--yes"):
+        TerminalOperator(print, 1.0)
+    arguments = ["first-hour", "--backend", "mock", "--out", str(tmp_path / "hour")]
+    assert run(arguments) == 2
+    assert "--yes" in capsys.readouterr().err
+    assert run([*arguments, "--yes"]) == 2  # labels by key
+    assert "--label" in capsys.readouterr().err
+    assert run([*arguments, "--yes", "--label", "head", "--pack", str(tmp_path / "x.tar")]) == 2
+    assert ".zip" in capsys.readouterr().err
+    wake = ["--backend", "naoqi://127.0.0.1:1?wake=1", "--yes", "--label", "head"]
+    assert run(["first-hour", "--out", str(tmp_path / "hour"), *wake]) == 2
+    assert "chest twice" in capsys.readouterr().err
+    assert not (tmp_path / "hour").exists()
+
+
+def test_a_dry_run_prints_both_sums_and_writes_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["first-hour", "--out", str(tmp_path / "hour"), "--dry-run"]) == 0
+    shown = capsys.readouterr().out
+    assert "robot time" in shown
+    assert "your hands are needed for" in shown
+    assert not (tmp_path / "hour").exists()
+
+
+def test_a_state_of_another_plan_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save_state(tmp_path / STATE, open_hour())
+    arguments = ["first-hour", "--backend", "mock", "--out", str(tmp_path), "--label", "head"]
+    assert run([*arguments, "--yes"]) == 2
+    assert "by the plan" in capsys.readouterr().err
+    assert json.loads((tmp_path / STATE).read_text())["plan"] == "p"

@@ -1,0 +1,180 @@
+"""Steps of a first hour on robots: what they record, and what is packed of it."""
+
+import json
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from pepper_driver.backends import BackendInfo
+from pepper_driver.cli.app import run
+from pepper_driver.config.files import write_json
+from pepper_driver.config.first_hour import load_first_hour
+from pepper_driver.config.loading import package_file, read_yaml
+from pepper_driver.doctor import Verdict, examine, try_motion
+from pepper_driver.doctor.motion_test import make_pepper
+from pepper_driver.first_hour.bundle import ARCHIVE, open_bundle
+from pepper_driver.first_hour.pack import pack_bundle
+from pepper_driver.first_hour.plan import HourPlan, plan_hour
+from pepper_driver.first_hour.state import STATE, load_state, save_state
+from pepper_driver.first_hour.steps import set_aside
+from pepper_driver.identification import fit_folder, load_recordings
+from pepper_driver.log import read_log
+from pepper_driver.observer.models.model_file import ModelSet
+from support.first_hour import INFO, ROBOT, finished_hour, make_hour
+
+SERIAL = "AP990438A03Y12300042"
+URI = "naoqis://anna@pepper-7.lab.example"
+
+
+def tiny_plan(folder: Path) -> Path:
+    """Write a plan with few joints, goals and touches; returns its file."""
+    settings = read_yaml(package_file("first_hour.yaml"))
+    for key in ("experiment", "calibration", "free"):
+        content = read_yaml(package_file("experiments", f"{settings[key]}.yaml"))
+        (goals,) = content["steps"][0].values()
+        if key == "experiment":
+            goals |= {"joints": ["LShoulderPitch"], "estimation_stiffness": [3.0]}
+            goals |= {"sweeps": 2, "setpoints": 2, "dwell": [0.6, 1.2]}
+        else:
+            goals["count"] = 4
+        settings[key] = str(folder / f"{key}.yaml")
+        Path(settings[key]).write_text(yaml.safe_dump(content))
+    prompts = {
+        "version": 1,
+        "rest": 1.0,
+        "time": 2.0,
+        "touches": [{"say": "My head.", "link": "Head"}, {"say": "My hand.", "link": "l_wrist"}],
+    }
+    settings |= {"prompts": str(folder / "prompts.yaml"), "rest": 2.0}
+    Path(settings["prompts"]).write_text(yaml.safe_dump(prompts))
+    plan = folder / "plan.yaml"
+    plan.write_text(yaml.safe_dump(settings))
+    return plan
+
+
+def hour_plan(path: Path) -> HourPlan:
+    return plan_hour(ROBOT, load_first_hour(path), label="head")
+
+
+def test_with_models_the_robot_stands_moves_asks_and_all_is_packed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, plan = tmp_path / "hour", tiny_plan(tmp_path)
+    hour = make_hour(folder)
+    planned = hour_plan(plan)
+    asked = replace(hour, plan=planned.hash(), prompts=planned.prompts)
+    save_state(folder / STATE, asked.reopened("rest"))
+    earlier = (folder / "free.mcap").read_bytes()
+    arguments = ["first-hour", "--backend", "mock", "--out", str(folder), "--plan", str(plan)]
+    assert run([*arguments, "--label", "head", "--yes"]) == 0
+    shown = capsys.readouterr().out
+    assert "Begin step 'doctor'" not in shown
+    assert shown.index("Begin step 'rest'") < shown.index("Begin step 'free'")
+    assert "1. My head." in shown
+    assert "0 of 2 touches were labelled" in shown
+    assert (folder / "free.mcap.early-1").read_bytes() == earlier
+    with open_bundle(folder / ARCHIVE) as bundle:
+        assert bundle.state.next_step is None
+        assert bundle.state.step("rest").figures["false_contacts"] == 0
+        rest = read_log(bundle.rest)
+        assert np.ptp(rest["time"]) == pytest.approx(2.0 + 3.0, abs=1.5)
+        assert rest.metadata["identity"] == bundle.state.identity != hour.identity
+        assert rest.metadata["observer_models_sha256"] == ModelSet.load(bundle.models).sha256()
+        free = read_log(bundle.free)
+        moved = np.ptp(free["position"], axis=0) > 0.1
+        legs = [ROBOT.joint_index(joint) for joint in ROBOT.chains["legs"]]
+        assert moved.sum() > 10
+        assert not moved[legs].any()
+        assert not read_log(bundle.touches).labels
+    # All is done: the same command does nothing more.
+    capsys.readouterr()
+    before = (folder / ARCHIVE).read_bytes()
+    assert run([*arguments, "--label", "head", "--yes"]) == 0
+    assert "Begin step" not in capsys.readouterr().out
+    assert (folder / ARCHIVE).read_bytes() == before
+
+
+def test_nothing_in_the_archive_says_whose_robot_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("platform.node", lambda: "annas-laptop.lab.example")
+    monkeypatch.setattr("getpass.getuser", lambda: "anna.smith")
+    folder = tmp_path / "hour"
+    make_hour(folder)
+    owned = replace(INFO, identity=SERIAL, name="pepper-7.lab.example")
+    rename(folder, owned)
+    pack_bundle(folder, tmp_path / "sent.zip", URI, owned)
+    with open_bundle(tmp_path / "sent.zip", parts=["models", "identification"]) as bundle:
+        assert bundle.state.identity == ModelSet.load(bundle.models).identity
+        assert SERIAL not in bundle.state.identity
+    with zipfile.ZipFile(tmp_path / "sent.zip") as archive:
+        for name in archive.namelist():
+            text = archive.read(name).decode("latin-1").lower()
+            for secret in (SERIAL, "pepper-7", "lab.example", "anna", f"{Path.home()}/"):
+                assert secret.lower() not in text, (name, secret)
+
+
+def rename(folder: Path, info: BackendInfo) -> None:
+    """Have state, models and manifest be of another robot, and name its address where a real one would."""
+    save_state(folder / STATE, replace(finished_hour(), identity=info.identity))
+    models = ModelSet.load(folder / "models.json")
+    replace(models, identity=info.identity, created_by=f"pepper identify --backend {URI}").save(
+        folder / "models.json"
+    )
+    path = folder / "identification" / "manifest.json"
+    write_json(path, json.loads(path.read_text()) | {"identity": info.identity, "backend": URI})
+
+
+def test_two_archives_of_one_hour_are_equal(tmp_path: Path) -> None:
+    make_hour(tmp_path / "hour")
+    for name in ("a.zip", "b.zip"):
+        pack_bundle(tmp_path / "hour", tmp_path / name, "mock", INFO)
+    one, other = (zipfile.ZipFile(tmp_path / name) for name in ("a.zip", "b.zip"))
+    with one, other:
+        for name in one.namelist():
+            if name != STATE:  # it has the time of packing
+                assert one.read(name) == other.read(name), name
+
+
+def test_a_robot_without_models_is_moved_and_its_motion_is_judged() -> None:
+    seen = examine("mock", unidentified=True)
+    assert seen.models is None
+    assert seen.passed
+    moved = try_motion(make_pepper("mock", None, ROBOT), None)
+    assert moved.passed
+    assert {fit.verdict for fit in moved.fits} == {Verdict.NO_MODEL}
+    assert [result.name for result in moved.results] == ["motion", "delay", "joints follow"]
+
+
+def test_earlier_attempts_keep_their_files(tmp_path: Path) -> None:
+    path = tmp_path / "free.mcap"
+    set_aside(path)
+    for text in ("one", "two", "three"):
+        set_aside(path)
+        path.write_text(text)
+    names = {file.name: file.read_text() for file in tmp_path.iterdir()}
+    assert names == {"free.mcap": "three", "free.mcap.early-1": "one", "free.mcap.early-2": "two"}
+
+
+@pytest.mark.whole
+def test_an_hour_with_short_steps_gives_models_logs_and_an_archive(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, plan = tmp_path / "hour", tiny_plan(tmp_path)
+    arguments = ["--backend", "mujoco://?plant=recorded", "--out", str(folder), "--plan", str(plan)]
+    assert run(["first-hour", *arguments, "--label", "head", "--yes", "--workers", "1"]) == 0
+    shown = capsys.readouterr().out
+    assert "touch that a joint detects" in shown
+    hour = load_state(folder / STATE)
+    assert hour.step("measure").figures["delay_ticks"] == 6
+    for name in ("rest", "free"):
+        assert hour.step(name).figures["false_contacts"] == 0
+    with open_bundle(folder / ARCHIVE) as bundle:
+        recordings = load_recordings(bundle.identification, ROBOT)
+        assert [entry.joint for entry in recordings.sweeps] == ["LShoulderPitch"]
+        again = fit_folder(bundle.identification, "fusion", compare=False, workers=1)
+        assert again.models.models == ModelSet.load(bundle.models).models
