@@ -22,7 +22,9 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.steps import Step
 from pepper_driver.controller import RobotModel, Tick
 from pepper_driver.controller.collision import CapsuleDistances
+from pepper_driver.doctor.checks import NETWORK
 from pepper_driver.doctor.model_fit import JointFit, ModelFitMonitor, Verdict
+from pepper_driver.identification.measurements.noise import late_fraction, measure_noise
 from pepper_driver.identification.measurements.program import measured_joints
 from pepper_driver.identification.measurements.response import ResponseError, measure_response
 from pepper_driver.observer import (
@@ -33,6 +35,7 @@ from pepper_driver.observer import (
     Recording,
     RecordingBuilder,
 )
+from pepper_driver.observer.models.measured_robot import MeasuredRobot
 from pepper_driver.observers import measured_robot, uri_with_measured_delay
 from pepper_driver.robot import Pepper
 
@@ -132,8 +135,17 @@ RESPONSE_REST = 0.9
 RESPONSE_STIFFNESS = 900.0
 """[1/s2] of the posture task: each step begins with the largest acceleration."""
 
-RESPONSE_TIME = 2 * RESPONSE_PAIRS * RESPONSE_REST
+NOISE_REST = 2.5
+"""[s] before them, in which the noise of the sensors shows."""
+
+RESPONSE_TIME = NOISE_REST + 2 * RESPONSE_PAIRS * RESPONSE_REST
 """[s] of all steps."""
+
+MAX_NOISE_RATIO = 3.0
+"""Noise of an encoder over that when the models were identified: thresholds have a margin for less."""
+
+MAX_LATE_CHANGE = 0.05
+"""Fraction of the samples that may come late beyond that when the models were identified."""
 
 MAX_DELAY_CHANGE = 1
 """Ticks by which the delay may differ from that of the models: more, and their residuals are those of another robot."""
@@ -225,7 +237,8 @@ def try_motion(
     )
     fits = watch.fits(settings)
     delay = _judge_delay(recordings[SMALL_STEPS], models, pepper.backend.info.response_delay, robot)
-    results: tuple[CheckResult, ...] = (ticks, delay, _judge_following(fits))
+    sensors = _judge_sensors(recordings[SMALL_STEPS], measured_robot(models), robot)
+    results: tuple[CheckResult, ...] = (ticks, delay, sensors, _judge_following(fits))
     if models is not None:
         results += (_judge_models(fits, settings), _judge_touch(contacts))
     return MotionTest(results=results, fits=fits, recordings=recordings)
@@ -249,19 +262,23 @@ def _moves(goals: Sequence[FloatArray], robot: RobotConfig, seconds: float) -> t
 
 
 def _response_motion(middle: FloatArray, robot: RobotConfig) -> Experiment:
-    """Return small steps of all moving joints at once to either side of a posture (17,), with rests."""
+    """Return small steps of all moving joints at once to either side of a posture (17,), after a rest there."""
     stepped = middle.copy()
     for joint in measured_joints(robot):
         stepped[robot.joint_index(joint)] += RESPONSE_STEP
-    steps = tuple(
-        Step(joints=dict(zip(robot.joint_names, goal.tolist(), strict=True)), hold=RESPONSE_REST)
-        for goal in (stepped, middle)
+    rest, there, back = (
+        Step(joints=dict(zip(robot.joint_names, goal.tolist(), strict=True)), hold=hold)
+        for goal, hold in (
+            (middle, NOISE_REST),
+            (stepped, RESPONSE_REST),
+            (middle, RESPONSE_REST),
+        )
     )
     return Experiment(
         schema=2,
         name=SMALL_STEPS,
         stiffness=RESPONSE_STIFFNESS,
-        steps=RESPONSE_PAIRS * steps,
+        steps=(rest, *RESPONSE_PAIRS * (there, back)),
     )
 
 
@@ -293,6 +310,38 @@ def _judge_delay(
         warning=change != 0,
         remedy="use the same network, a cable if possible; if it stays, identify again with 'pepper identify'",
     )
+
+
+def _judge_sensors(
+    recording: Recording, before: MeasuredRobot | None, robot: RobotConfig
+) -> CheckResult:
+    """Compare noise of the encoders at rest and late samples with those before, when models were identified."""
+    noise = {}
+    for joint in measured_joints(robot):
+        at_rest = measure_noise(recording, joint)
+        if at_rest is not None:
+            noise[joint] = at_rest[0]
+    if not noise:
+        return unknown("sensors", "no joint rested")
+    late, worst = late_fraction([recording]), max(noise, key=lambda joint: noise[joint])
+    found = f"noise {np.degrees(noise[worst]):.3f} deg at {worst}, {late:.1%} of the samples late"
+    if before is None:
+        return rated("sensors", found)
+    # A noise below a step of the encoder is that of the step.
+    least = robot.sensors.encoder.step / 4
+    rough = [
+        joint in before.joints
+        and size > MAX_NOISE_RATIO * max(before.joints[joint].encoder_noise, least)
+        for joint, size in noise.items()
+    ]
+    parts, remedies = [found], []
+    if any(rough):
+        parts.append(f"much more than when the models were identified: {named(noise, rough)}")
+        remedies.append("let the robot rest and try again; an encoder that stays noisy is loose")
+    if late > before.late + MAX_LATE_CHANGE:
+        parts.append(f"{before.late:.1%} late when the models were identified")
+        remedies.append(NETWORK)
+    return rated("sensors", "; ".join(parts), warning=bool(remedies), remedy="; ".join(remedies))
 
 
 def _judge_following(fits: tuple[JointFit, ...]) -> CheckResult:

@@ -16,7 +16,7 @@ from pepper_driver.doctor import CheckStatus, MotionTest, Verdict, try_motion
 from pepper_driver.doctor import motion_test as motion_test_module
 from pepper_driver.doctor.motion_test import NoRoomError, make_pepper, moving_joints, plan_goals
 from pepper_driver.observer import ModelSet
-from pepper_driver.observer.models.measured_robot import MeasuredRobot
+from pepper_driver.observer.models.measured_robot import MeasuredJoint, MeasuredRobot
 from pepper_driver.observer.models.model_file import shipped
 from pepper_driver.robot import Pepper
 from pepper_driver.testing import heated, pressed
@@ -142,6 +142,38 @@ def test_a_delay_that_is_not_that_of_the_models_is_found(before: int, status: Ch
     assert found(motion_test, "delay").startswith("3 ticks from a command to its answer, ")
     assert f"{before} when the models were identified" in found(motion_test, "delay")
     assert motion_test.passed == (status is not CheckStatus.FAILED)
+
+
+@pytest.mark.usefixtures("brief")
+@pytest.mark.parametrize(
+    ("change", "status"),
+    [
+        ({}, CheckStatus.OK),
+        ({"encoder_noise": 0.0044}, CheckStatus.WARNING),
+        ({"late": 0.25, "longest_late": 2}, CheckStatus.WARNING),
+    ],
+)
+def test_sensors_that_are_worse_than_before_are_found(
+    change: dict[str, float], status: CheckStatus, tmp_path: Path
+) -> None:
+    plant = tmp_path / "worse.yaml"
+    plant.write_text(
+        f"name: worse\ndescription: worse sensors\nextends: nominal\ntransport: {change}\n"
+        if change
+        else "name: worse\ndescription: the same\nextends: nominal\n"
+    )
+    quiet = MeasuredJoint(encoder_noise=0.0003, current_noise=0.01)
+    measured = MeasuredRobot(
+        reported_delay=3,
+        delay_error=0,
+        delay_spread=(-1.0, 1.0),
+        late=0.02,
+        lost=0.0,
+        weight=None,
+        joints=dict.fromkeys(ROBOT.joint_names, quiet),
+    )
+    motion_test = tried(f"mujoco://?plant={plant}", replace(NOMINAL, measured=measured))
+    assert statuses(motion_test)["sensors"] is status
 
 
 @pytest.mark.usefixtures("brief")
