@@ -168,7 +168,9 @@ class RobotSteps:
             ):
                 moved = try_motion(pepper, None, on_progress=advance)
             self.display.checks(moved.results)
-        write_bundle(self.folder / PLACES["doctor"], self.uri, seen, moved)
+        report = self.folder / PLACES["doctor"]
+        set_aside(report)
+        write_bundle(report, self.uri, seen, moved)
         _refuse_failed(seen, moved)
         return {
             "checks": len(seen.results) + len(moved.results),
