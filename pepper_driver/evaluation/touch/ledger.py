@@ -31,12 +31,12 @@ FIRST_DRAW, ROBOTS, HUNDRED = DEVELOPMENT_DRAWS, 20, 100
 T = TypeVar("T")
 
 _APART = (
-    *(f"{name}/*" for name in ("bench", "callbacks", "cli", "doctor", "rendering")),
-    *(f"{name}/*" for name in ("replay", "testing", "viewer")),
+    *(f"{name}/*" for name in ("bench", "calibration", "callbacks", "cli", "doctor")),
+    *(f"{name}/*" for name in ("first_hour", "rendering", "replay", "testing", "viewer")),
     *(f"backends/{name}/*" for name in ("naoqi", "naoqi_server")),
     *(f"evaluation/{name}.py" for name in ("figures", "report", "results")),
-    *(f"evaluation/touch/{name}.py" for name in ("comparison", "map", "n90", "page", "recall")),
-    *(f"evaluation/touch/{name}.py" for name in ("report", "summary", "summary_data")),
+    *(f"evaluation/touch/{name}.py" for name in ("bundles", "comparison", "map", "n90", "page")),
+    *(f"evaluation/touch/{name}.py" for name in ("recall", "report", "summary", "summary_data")),
     "config/evaluation_baselines.yaml",
     "config/observer.yaml",
     "config/touch_suites.yaml",
