@@ -25,6 +25,7 @@ from pepper_driver.config.workers import Workers, run_jobs
 from pepper_driver.identification.dataset import load_measurement, read_manifest
 from pepper_driver.identification.measurements.program import MEASUREMENTS, measure_robot
 from pepper_driver.observer import nrmse_fit
+from pepper_driver.observer.fitting.samples import fit_samples
 from pepper_driver.observer.models.measured_robot import MeasuredJoint, MeasuredRobot
 
 Value = Literal["stiffness", "friction", "lead", "dead_band", "integral_time"]
@@ -365,7 +366,7 @@ def _rows(run: RecordedRun, index: int) -> BoolArray:
     """Return (n,) rows of a run that say something of a joint; none where it hardly moves."""
     if float(np.ptp(run.recording.sent_position[:, index])) < MIN_MOTION:
         return np.zeros(len(run.recording), dtype=np.bool_)
-    return run.recording.fit_samples(index)
+    return fit_samples(run.recording, index)
 
 
 def _moved(runs: Sequence[RecordedRun], robot: RobotConfig) -> tuple[str, ...]:
