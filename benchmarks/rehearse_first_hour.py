@@ -502,8 +502,8 @@ def main() -> None:
     for step, found in figures.items():
         console.print(f"{step}: {found}")
     console.print(
-        f"{minutes:.1f} min; {len(rehearsal.problems)} problems; {len(rehearsal.other_ends)} calls ended by late samples or "
-        "the like"
+        f"{minutes:.1f} min; {len(rehearsal.problems)} problems; {len(rehearsal.other_ends)} calls ended by late "
+        "samples or the like"
     )
     for problem in rehearsal.problems:
         console.print(f"problem: {problem}")
