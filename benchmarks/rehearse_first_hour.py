@@ -49,6 +49,9 @@ ANSWER = 20.0
 PATIENCE = 900.0
 """[s] for a line of the command."""
 
+TRIES = 20
+"""Calls of the command for one trouble."""
+
 FORCE, PRESS = 15.0, 1.5
 """[N] and [s] of a touch."""
 
@@ -307,6 +310,7 @@ class Rehearsal:
         begun: Steps that were begun, in their order.
         ends: By trouble: exit code and last line.
         problems: What went otherwise than it should.
+        other_ends: Last lines of calls that ended before their trouble came: on a busy machine samples come late.
         seconds: Time of the calls by step [s].
     """
 
@@ -317,10 +321,24 @@ class Rehearsal:
     begun: list[str] = field(default_factory=list)
     ends: list[dict[str, Any]] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
+    other_ends: list[str] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
 
     def call(self, trouble: Trouble | None) -> tuple[int, list[str]]:
-        """Call the command until trouble ends it, or its last step."""
+        """Call the command until trouble ends it, or its last step; again where something else ended it."""
+        for _ in range(TRIES):
+            code, lines, came = self._call_once(trouble)
+            if came or code == 0:
+                break
+            print(f"ended by something else, called again: {lines[-1]}", flush=True)
+            self.other_ends.append(lines[-1])
+            time.sleep(2.0)
+            with service_of(self.stand_in, "ALMotion") as motion:
+                motion.wakeUp()
+        return code, lines
+
+    def _call_once(self, trouble: Trouble | None) -> tuple[int, list[str], bool]:
+        """Call the command; the last part is True once trouble came, and at an end that was to come without any."""
         command = Command(self.arguments)
         step, since, caused = "", time.monotonic(), trouble is None
         while (line := command.next_line()) is not None:
@@ -343,7 +361,9 @@ class Rehearsal:
                 threading.Timer(1.0, self._touch, (int(found[1]) - 1,)).start()
             if step:
                 self.seconds[step] = time.monotonic() - since
-        return command.end(), command.lines
+        code = command.end()
+        refused = trouble is not None and not trouble.after
+        return code, command.lines, refused or (trouble is not None and caused)
 
     def _touch(self, number: int) -> None:
         """Push the link that is asked for, and press the head meanwhile: that labels the touch."""
@@ -374,7 +394,7 @@ class Rehearsal:
                 "the same command goes on" in text, f"{trouble.name}: does not say how to go on"
             )
         if trouble.refused:
-            again, more = self.call(None)
+            again, more, _ = self._call_once(None)
             refusal = "\n".join(more)
             self.expect(
                 again == 1 and trouble.refused in refusal,
@@ -481,7 +501,10 @@ def main() -> None:
     console.print(table)
     for step, found in figures.items():
         console.print(f"{step}: {found}")
-    console.print(f"{minutes:.1f} min; {len(rehearsal.problems)} problems")
+    console.print(
+        f"{minutes:.1f} min; {len(rehearsal.problems)} problems; {len(rehearsal.other_ends)} calls ended by late "
+        "samples or the like"
+    )
     for problem in rehearsal.problems:
         console.print(f"problem: {problem}")
     if given.json is not None:
@@ -493,6 +516,7 @@ def main() -> None:
                     "minutes": minutes,
                     "ends": rehearsal.ends,
                     "problems": rehearsal.problems,
+                    "other_ends": rehearsal.other_ends,
                     "figures": figures,
                     "seconds": rehearsal.seconds,
                 },
