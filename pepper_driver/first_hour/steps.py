@@ -51,7 +51,7 @@ OBSERVER = "fusion"
 
 
 class Display(Protocol):
-    """Where steps show what they do and find."""
+    """Display of what steps do and find."""
 
     def line(self, text: str) -> None:
         """Show a line."""
