@@ -21,6 +21,7 @@ class MeasuredJoint:
     Attributes:
         encoder_noise: Standard deviation at rest [rad].
         current_noise: The same of the current [A].
+        dead_band: Error that it needs before it moves, to either side [rad]: of its board, and of its friction.
         friction: Torque of the motor against friction in slow motion [N m].
         load_scale: Torque of the motor per torque of the load that the robot's description asks for.
         torque_scale: Torque of the motor per torque at the joint, by a known weight.
@@ -32,6 +33,7 @@ class MeasuredJoint:
 
     encoder_noise: NonNegative
     current_noise: NonNegative
+    dead_band: NonNegative | None = None
     friction: NonNegative | None = None
     load_scale: Positive | None = None
     torque_scale: Positive | None = None

@@ -95,7 +95,15 @@ def print_measured(console: Console, measured: MeasuredRobot | None) -> None:
         f"{measured.late:.1%} of the samples late, {measured.lost:.1%} lost"
     )
     table = Table(title="measured, torques by documented motors", title_justify="left")
-    columns = ["joint", "noise deg", "noise A", "friction N m", "torque/load", "rad/s"]
+    columns = [
+        "joint",
+        "noise deg",
+        "noise A",
+        "dead band deg",
+        "friction N m",
+        "torque/load",
+        "rad/s",
+    ]
     if measured.weight is not None:
         columns.append(f"torque/{measured.weight:g} kg")
     for name in columns:
@@ -105,6 +113,7 @@ def print_measured(console: Console, measured: MeasuredRobot | None) -> None:
             joint,
             f"{math.degrees(one.encoder_noise):.3f}",
             f"{one.current_noise:.3f}",
+            "-" if one.dead_band is None else f"{math.degrees(one.dead_band):.2f}",
             "-" if one.friction is None else f"{one.friction:.3g}",
             "-" if one.load_scale is None else f"{one.load_scale:.2f}",
             "-" if one.speed is None else f"{'' if one.speed_limited else '>= '}{one.speed:.2f}",

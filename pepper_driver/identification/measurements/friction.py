@@ -107,6 +107,36 @@ def measure_friction(
     )
 
 
+def measure_dead_band(
+    recordings: Sequence[Recording], joint: str, robot: RobotConfig
+) -> float | None:
+    """Measure the error that a joint needs before it moves, to either side [rad].
+
+    It is the dead band of its board, and its friction over the stiffness of its board; under a load that keeps the
+    torque on one side, the friction alone. The tracking error of slow motion is fitted by h d + l v + g tau + c, with
+    the direction d, speed v and load tau. No current is needed.
+
+    Args:
+        recordings: With slow sweeps of the joint to and fro, and perhaps others.
+        joint: Its name.
+        robot: Its description.
+
+    Returns:
+        h, 0 or more; None where the joint does not move slowly in both directions.
+    """
+    index, rows, errors = robot.joint_index(joint), [], []
+    for run in recordings:
+        settled = slow_samples(run, index)
+        velocity = run.velocity[settled, index]
+        load = run.load_torque[settled, index]
+        rows.append(np.stack((np.sign(velocity), velocity, load, np.ones_like(load)), axis=1))
+        errors.append(run.tracking_error(index)[settled])
+    columns, error = np.concatenate(rows), np.concatenate(errors)
+    if min(np.count_nonzero(columns[:, 0] > 0), np.count_nonzero(columns[:, 0] < 0)) < MIN_SAMPLES:
+        return None
+    return max(float(np.linalg.lstsq(columns, error, rcond=None)[0][0]), 0.0)
+
+
 def measure_torque_scale(
     without: Sequence[Recording],
     loaded: Sequence[Recording],

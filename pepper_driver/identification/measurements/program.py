@@ -8,6 +8,7 @@ from typing import Literal
 from pepper_driver.config import ConfigError, RobotConfig
 from pepper_driver.identification.measurements.friction import (
     HeldWeight,
+    measure_dead_band,
     measure_friction,
     measure_torque_scale,
 )
@@ -135,6 +136,7 @@ def _joint(
     return MeasuredJoint(
         encoder_noise=encoder,
         current_noise=current,
+        dead_band=measure_dead_band([recordings[FRICTION]], joint, robot),
         friction=None if friction is None else friction.friction,
         load_scale=None if friction is None else friction.load_scale,
         torque_scale=torque_scale,

@@ -10,12 +10,14 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.identification.measurements.friction import (
     GRAVITY,
     HeldWeight,
+    measure_dead_band,
     measure_friction,
     measure_torque_scale,
 )
 from pepper_driver.identification.measurements.held_weight import falling_weight
 from pepper_driver.observer import Recording, RecordingBuilder
 from pepper_driver.robot import Pepper
+from support.fusion import STICK_SLIP, drive, recording_of, standing, swing
 from support.identification import ROBOT
 from support.observer import CYCLE, JOINTS, recording
 
@@ -52,6 +54,26 @@ def test_friction_and_scale_are_found_though_currents_have_no_sign(
     assert found.friction == pytest.approx(friction, rel=0.1, abs=0.03)
     assert found.load_scale == pytest.approx(scale, rel=0.1)
     assert found.joint_friction == pytest.approx(friction / scale, rel=0.15, abs=0.03)
+
+
+@pytest.mark.parametrize("gravity", [0.0, 4.0])
+@pytest.mark.parametrize("dead_band", [0.0, 0.005, 0.02])
+def test_the_error_before_a_joint_moves_is_dead_band_and_friction_over_stiffness(
+    dead_band: float, gravity: float
+) -> None:
+    board = replace(STICK_SLIP, dead_band=dead_band, load_friction=0.0)
+    motion = swing(14.0, size=0.6, rate=0.35, gravity=gravity, shape=0.0)
+    found = measure_dead_band([recording_of(motion, drive(motion, board))], "LElbowRoll", ROBOT)
+    # Under a load the torque stays on one side of the dead band: then it does not show.
+    shown = dead_band if gravity == 0.0 else 0.0
+    # The joint crosses a wide dead band slowly.
+    assert found == pytest.approx(shown + board.friction, rel=0.15)
+
+
+def test_a_joint_that_stands_shows_no_dead_band() -> None:
+    motion = standing(5.0)
+    run = recording_of(motion, drive(motion))
+    assert measure_dead_band([run], "LElbowRoll", ROBOT) is None
 
 
 def test_a_load_that_hardly_changes_tells_no_scale() -> None:
