@@ -184,7 +184,8 @@ def without_touches(folder: Path) -> None:
 
 
 def of_another_robot(folder: Path) -> None:
-    with LogWriter(folder / "free.mcap", ROBOT, {"identity": "another"}):
+    about = {"identity": "another", "cycle": str(ROBOT.cycle)}
+    with LogWriter(folder / "free.mcap", ROBOT, about):
         pass
 
 

@@ -147,7 +147,12 @@ def test_a_robot_without_models_is_moved_and_its_motion_is_judged() -> None:
     moved = try_motion(make_pepper("mock", None, ROBOT), None)
     assert moved.passed
     assert {fit.verdict for fit in moved.fits} == {Verdict.NO_MODEL}
-    assert [result.name for result in moved.results] == ["motion", "delay", "joints follow"]
+    assert [result.name for result in moved.results] == [
+        "motion",
+        "delay",
+        "sensors",
+        "joints follow",
+    ]
 
 
 def test_earlier_attempts_keep_their_files(tmp_path: Path) -> None:
