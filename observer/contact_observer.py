@@ -132,6 +132,12 @@ class ContactObserver(Observer):
         self._resting_state = np.where(no_model, JointState.BLIND, JointState.FREE).astype(np.int8)
         self._numb = [robot.joint_index(name) for name in numb_joints(models)]
         self._resting_state[self._numb] = JointState.DOUBTFUL
+        for name in numb_joints(models):
+            LOG.warning(
+                "%s detects nothing: its identified threshold is beyond %.0f deg, which no touch reaches",
+                name,
+                np.degrees(MAX_THRESHOLD),
+            )
         self._known = ~no_model
         self._known_count = np.count_nonzero(self._known)
         self._none_settled = np.zeros(len(no_model), dtype=np.bool_)
@@ -145,6 +151,7 @@ class ContactObserver(Observer):
         self._time = 0.0
         self._ticks = 0
         self._worn: tuple[str, ...] = ()
+        self._doubted = np.zeros(len(self._none_settled), dtype=np.bool_)
         self._generator.reset()
         self._history.reset()
         self._tracker.reset()
@@ -192,6 +199,16 @@ class ContactObserver(Observer):
                 name,
             )
 
+    def _report_doubt(self, doubtful: BoolArray) -> None:
+        """Report once a session each joint that is in doubt."""
+        for joint in np.flatnonzero(doubtful & ~self._doubted):
+            LOG.info(
+                "%s is doubtful: its motor does not work against its error, or its command runs away from it. Until "
+                "that ends it detects nothing",
+                self._robot.joint_names[joint],
+            )
+        self._doubted |= doubtful
+
     def predict(self, joint: str, recording: Recording) -> FloatArray:
         """Predict the (n,) tracking error of a joint over a run [rad], without its measurements; NaN if unknown.
 
@@ -236,6 +253,7 @@ class ContactObserver(Observer):
         """Return the events of this tick; (n,) states; joints without touch; joints that were just released."""
         no_model, doubtful = self._generator.no_model, residuals.doubtful
         if doubtful is not None and np.count_nonzero(doubtful):
+            self._report_doubt(doubtful)
             # To the tracker they are blind.
             residuals = replace(residuals, residual=np.where(doubtful, np.nan, residuals.residual))
         # NaN compares as False: a blind joint counts as not within its threshold.

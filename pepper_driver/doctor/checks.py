@@ -30,6 +30,7 @@ from pepper_driver.config import (
 )
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer import ModelSet
+from pepper_driver.observer.contact_observer import numb_joints
 from pepper_driver.observer.recording import STALE_AGE
 from pepper_driver.observers import source_of
 from pepper_driver.realtime import (
@@ -248,6 +249,9 @@ def check_models(
         remedies.append(
             f"identify {named(robot.joint_names, without)} too: nothing is detected directly there"
         )
+    if numb := numb_joints(models):
+        found += f"; no touch reaches the thresholds of {', '.join(numb)}"
+        remedies.append(f"nothing is detected at {', '.join(numb)}; identify again, more slowly")
     if models.version != here:
         found += f" (this is {here})"
         remedies.append("identify again ('pepper identify') where this version's notes say so")

@@ -58,11 +58,15 @@ def strayed(motion: Motion, offset: FloatArray, per_ampere: float = PER_AMPERE) 
 
 
 @pytest.mark.parametrize("offset", [0.053, -0.035, 0.03])
-def test_a_joint_that_rests_off_its_command_without_current_is_in_doubt(offset: float) -> None:
+def test_a_joint_that_rests_off_its_command_without_current_is_in_doubt(
+    offset: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO")
     motion = standing(6.0)
     seen, events = states(fusion_observer(), strayed(motion, np.full(len(motion), offset)))
     assert set(seen[10:]) == {JointState.DOUBTFUL}
     assert events == []
+    assert caplog.text.count("LElbowRoll is doubtful") == 1
 
 
 @pytest.mark.parametrize("load", [2.5, -2.5])
@@ -182,12 +186,13 @@ def test_no_error_that_the_current_answers_is_doubted(
 
 @pytest.mark.parametrize(("bound_deg", "numb"), [(9.0, False), (17.0, True)])
 def test_a_joint_whose_threshold_no_touch_reaches_is_always_doubtful(
-    bound_deg: float, numb: bool
+    bound_deg: float, numb: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
     wrist = ROBOT.joint_index("LWristYaw")
     loose: FusionModel = fusion_model(bound=constant_tree(math.radians(bound_deg)))
     models = dict.fromkeys(ROBOT.joint_names, MODEL) | {"LWristYaw": loose}
     target = ContactObserver(ROBOT, fusion_set(models), replace(SETTINGS, adapt=False))
+    assert ("LWristYaw detects nothing" in caplog.text) == numb
     events: list[Contact] = []
     for k in range(120):
         errors = np.zeros(JOINTS)
