@@ -450,6 +450,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="folder of the hour; by default a temporary one")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
+    # A shell that starts this in the background has it ignored, and the command would inherit that.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     console = Console(soft_wrap=True, width=140)
     with TemporaryDirectory() as name:
         temporary = Path(name)
