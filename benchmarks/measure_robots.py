@@ -59,7 +59,11 @@ HAND: Hand = "left"
 CARRYING = ("LShoulderPitch", "LShoulderRoll", "LElbowYaw", "LElbowRoll")
 """Joints whose load changes with the weight: not that of the wrist, through whose axis it pulls."""
 
-FAST = tuple(side + joint for side in "LR" for joint in ("ShoulderPitch", "ElbowYaw", "ElbowRoll"))
+FAST = tuple(
+    side + joint
+    for side in "LR"
+    for joint in ("ShoulderPitch", "ElbowYaw", "ElbowRoll", "WristYaw")
+)
 """Joints that are told more and more speed."""
 
 

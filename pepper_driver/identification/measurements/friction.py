@@ -30,6 +30,9 @@ MIN_LOAD_RANGE = 0.3
 SMALL_CURRENT = 2.0
 """Steps of the current sensor, on average in a sweep: of smaller currents noise and steps change the size."""
 
+MIN_EVIDENCE = 5.0
+"""By which a friction must raise the log-likelihood of such currents, else noise alone explains them."""
+
 MISREAD = 0.01
 """Fraction of readings that may be anything: single ones must not decide."""
 
@@ -88,7 +91,7 @@ def measure_friction(
         robot: Its description.
 
     Returns:
-        None where the joint does not move slowly in both directions.
+        None where the joint does not move slowly in both directions, or its current shows no friction.
     """
     index = robot.joint_index(joint)
     parts = [_sweep(run, index) for run in recordings]
@@ -99,6 +102,8 @@ def measure_friction(
     torque, step = constant * current, constant * robot.sensors.current.step
     if float(torque.mean()) < SMALL_CURRENT * step:
         friction = _fit_small(torque, direction, load, step)
+        if friction is None:
+            return None
         return MeasuredFriction(friction=friction, load_scale=None, samples=len(torque))
     scaled = float(np.ptp(load)) > MIN_LOAD_RANGE
     friction, scale = _fit(torque, direction, load, scaled=scaled)
@@ -273,8 +278,13 @@ def _fit(
     return float(best.x[0]), float(best.x[2])
 
 
-def _fit_small(torque: FloatArray, direction: FloatArray, load: FloatArray, step: float) -> float:
-    """Return the friction [N m] that makes (n,) readings in whole steps [N m] most likely, at the best noise."""
+def _fit_small(
+    torque: FloatArray, direction: FloatArray, load: FloatArray, step: float
+) -> float | None:
+    """Return the friction [N m] that makes (n,) readings in whole steps [N m] most likely, at the best noise.
+
+    None where noise alone makes them about as likely.
+    """
     from scipy.optimize import minimize
     from scipy.special import ndtr
 
@@ -293,13 +303,21 @@ def _fit_small(torque: FloatArray, direction: FloatArray, load: FloatArray, step
 
     mean = float(torque.mean())
     quiet, half, loud = (float(np.log(part * step)) for part in (0.1, 0.5, 4.0))
-    ends = [
-        minimize(
-            unlikelihood,
-            np.array((0.5 * mean, 1.5, constant * mean, half)),
-            method="L-BFGS-B",
-            bounds=((0.0, None), (0.2, 8.0), (None, None), (quiet, loud)),
-        )
-        for constant in (-0.5, 0.0, 0.5)
-    ]
-    return float(min(ends, key=lambda end: end.fun).x[0])
+
+    def best(max_friction: float | None) -> tuple[float, float]:
+        """Return the best friction up to a largest one, and how unlikely the readings are then."""
+        ends = [
+            minimize(
+                unlikelihood,
+                np.array((0.5 * mean, 1.5, constant * mean, half)),
+                method="L-BFGS-B",
+                bounds=((0.0, max_friction), (0.2, 8.0), (None, None), (quiet, loud)),
+            )
+            for constant in (-0.5, 0.0, 0.5)
+        ]
+        end = min(ends, key=lambda end: end.fun)
+        return float(end.x[0]), float(end.fun)
+
+    friction, unlikely = best(None)
+    _, without = best(0.0)
+    return friction if without - unlikely > MIN_EVIDENCE else None

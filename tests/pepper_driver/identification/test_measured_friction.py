@@ -100,6 +100,15 @@ def test_a_friction_whose_current_is_less_than_a_step_of_its_sensor_is_found(noi
     assert found.load_scale is None
 
 
+def test_a_current_that_is_noise_alone_shows_no_friction() -> None:
+    run, wrist = sweeps(0.0, 0.0, 0.0, gravity=0.004), ROBOT.joint_index("LWristYaw")
+    step = ROBOT.sensors.current.step
+    current = run.current.copy()
+    drawn = 0.01 * np.random.default_rng(7).standard_normal(len(run))
+    current[:, wrist] = np.rint(np.abs(drawn) / step) * step
+    assert measure_friction([replace(run, current=current)], "LWristYaw", ROBOT) is None
+
+
 @pytest.mark.parametrize("speed", [0.02, 0.8])
 def test_a_motion_that_is_too_slow_or_too_fast_tells_nothing(speed: float) -> None:
     assert measure_friction([sweeps(0.5, 1.0, 0.0, speed=speed)], JOINT, ROBOT) is None
