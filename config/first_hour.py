@@ -24,7 +24,7 @@ class FirstHourSettings:
     prompts: str
     session: NonNegative
     confirmation: NonNegative
-    weight: NonNegative
+    weighing: NonNegative
     answer: Positive
 
 

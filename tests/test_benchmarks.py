@@ -701,8 +701,9 @@ def test_measured_facts_are_counted_by_their_bounds(
     # Bound; robots, joints, not measured, found in vain; median and worst error; 1 of 2 by Clopper and Pearson.
     half = "1 of 2 [0.01-0.99]"
     assert by_fact["delay"] == ["0.5", "2", "2", "0", "0", "0.5", "1", half, "random-4  (4, not 5)"]
-    assert by_fact["friction"][1:7] == ["2", "3", "1", "0", "37.5 %", "50.0 %"]
+    assert by_fact["friction"][1:7] == ["2", "2", "0", "0", "37.5 %", "50.0 %"]
     assert by_fact["friction"][7:] == [half, "random-4 HeadYaw (0.2, not 0.4)"]
+    assert by_fact["friction of wrists"][1:] == ["1", "1", "1", "0", *"----"]
     assert by_fact["speed"][1:6] == ["1", "2", "1", "1", "5.0 %"]
     assert by_fact["lost"][5] == "0.002"
     assert by_fact["torque scale"][1:] == ["0", "0", "0", "0", *"----"]

@@ -95,12 +95,16 @@ def doubtful_samples(recording: Recording, joint: str, model: FusionModel) -> Bo
 def extended(samples: BoolArray, cycle: float, before: float, after: float) -> BoolArray:
     """Return (n,) samples with those ``before`` and ``after`` each of their stretches [s]."""
     wider = np.zeros(len(samples), dtype=np.bool_)
-    if samples.any():
-        early, late = round(before / cycle), round(after / cycle)
-        edges = np.flatnonzero(np.diff(np.concatenate(([False], samples, [False])).astype(np.int8)))
-        for begin, end in zip(edges[::2], edges[1::2], strict=True):
-            wider[max(0, begin - early) : end + late] = True
+    early, late = round(before / cycle), round(after / cycle)
+    for begin, end in stretches(samples):
+        wider[max(0, begin - early) : end + late] = True
     return wider
+
+
+def stretches(flags: BoolArray) -> list[tuple[int, int]]:
+    """Return begin and end of each stretch of True among (n,) flags."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def clipped_current(recording: Recording, index: int) -> ClippedCurrent | None:
@@ -119,7 +123,7 @@ def clipped_current(recording: Recording, index: int) -> ClippedCurrent | None:
     moving = np.abs(velocity) > MIN_MOVING_SPEED
     top = float(current.max())
     high = current >= top - max(FLAT_TOP[0] * top, FLAT_TOP[1])
-    begin, end = _longest(moving & high)
+    begin, end = max(stretches(moving & high), key=lambda one: one[1] - one[0], default=(0, 0))
     seconds = (end - begin) * float(np.median(np.diff(recording.time)))
     if seconds < FLAT_TIME:
         return None
@@ -139,12 +143,3 @@ def _smooth(values: FloatArray) -> FloatArray:
     windows = np.lib.stride_tricks.sliding_window_view(values, FLAT_WINDOW)
     smoothed: FloatArray = np.median(windows, axis=1)
     return smoothed
-
-
-def _longest(flags: BoolArray) -> tuple[int, int]:
-    """Return begin and end of the longest run of True; equal without any."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
-    if not len(edges):
-        return 0, 0
-    longest = int(np.argmax(edges[1::2] - edges[::2]))
-    return int(edges[2 * longest]), int(edges[2 * longest + 1])

@@ -11,6 +11,7 @@ import numpy as np
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.kernels import make_records
 from pepper_driver.observer.fitting.samples import fit_samples
+from pepper_driver.observer.fitting.tree import FittingError
 from pepper_driver.observer.models.stick_slip import (
     MAX_TRANSPORT,
     MIN_TRANSPORT,
@@ -206,8 +207,16 @@ def fit_stick_slip(
         torque_constant: Kt N, of motor and gear [N m/A]. With it, current over error at rest determines the stiffness
             of a joint with hardly any load.
         target_speed: Largest speed of the board's target [rad/s], which is measured and not fitted.
+
+    Raises:
+        FittingError: No sample counts.
     """
-    fit = _Fit(_Runs(joint, recordings, cycle, target_speed), torque_constant)
+    runs = _Runs(joint, recordings, cycle, target_speed)
+    if not runs.counts.any():
+        raise FittingError(
+            f"{joint}: none of its samples counts: it falls behind in all of its runs, or they are altered or stale"
+        )
+    fit = _Fit(runs, torque_constant)
     starts = fit.starts()
     best, cost = min((fit.solve(_REQUIRED, start) for start in starts), key=lambda end: end[1])
     for optional in _OPTIONAL:

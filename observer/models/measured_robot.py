@@ -10,8 +10,7 @@ from pydantic import ConfigDict, Field
 
 from pepper_driver.config.loading import STRICT
 from pepper_driver.config.parts import NonNegative, Positive
-
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
+from pepper_driver.config.settings import UnitInterval
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +24,7 @@ class MeasuredJoint:
         friction: Torque of the motor against friction in slow motion [N m].
         load_scale: Torque of the motor per torque of the load that the robot's description asks for.
         torque_scale: Torque of the motor per torque at the joint, by a known weight.
-        speed: Speed that it reaches [rad/s]: its limit, or the fastest that it was told.
+        speed: Speed that it reaches [rad/s]: its limit, or the fastest that was commanded.
         speed_limited: True where ``speed`` is its limit.
     """
 
@@ -60,8 +59,8 @@ class MeasuredRobot:
     reported_delay: Annotated[int, Field(ge=0)]
     delay_error: int
     delay_spread: tuple[float, float]
-    late: Share
-    lost: Share
+    late: UnitInterval
+    lost: UnitInterval
     weight: Positive | None
     joints: Mapping[str, MeasuredJoint]
 
@@ -69,6 +68,15 @@ class MeasuredRobot:
     def speeds(self) -> dict[str, float]:
         """Speed that joints reach, by those whose speed was measured [rad/s]."""
         return {name: one.speed for name, one in self.joints.items() if one.speed is not None}
+
+    @property
+    def target_speeds(self) -> dict[str, float]:
+        """Speed at which the boards hold their targets, of joints whose board limits it [rad/s]."""
+        return {
+            name: one.speed
+            for name, one in self.joints.items()
+            if one.speed_limited and one.speed is not None
+        }
 
     @property
     def response_delay(self) -> int:

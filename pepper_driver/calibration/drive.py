@@ -25,7 +25,8 @@ OF_THE_SAME_MOTOR = {"HeadYaw": "RElbowYaw", "HeadPitch": "RElbowRoll"}
 """Joints without recordings, and the one with the same motor and reduction whose values they get."""
 
 FITTED = ("kp", "ki", "dead_band", "friction.contact")
-"""Values of :class:`~.config.plant_parts.Actuator` that calibration sets; ``kd`` keeps its ratio to ``kp``."""
+"""Values of :class:`~.config.plant_parts.Actuator` that calibration sets; ``kd`` keeps its ratio to ``kp`` without a
+lead."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,7 +143,7 @@ def changed_drive(
         ki=_rounded(kp / values.integral_time),
         dead_band=_rounded(values.dead_band),
         friction=_scaled(friction, fraction),
-        origin=_origin(drive, origin),
+        origin=with_origin(drive, origin, FITTED if values.lead is None else (*FITTED, "kd")),
     )
 
 
@@ -165,10 +166,12 @@ def _rounded(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-def _origin(drive: Actuator, kind: Origin) -> dict[Origin, tuple[str, ...]]:
-    """Origins with the fitted values moved to where they belong."""
-    kept = {k: tuple(key for key in keys if key not in FITTED) for k, keys in drive.origin.items()}
-    return kept | {kind: FITTED + kept.get(kind, ())}
+def with_origin(
+    drive: Actuator, kind: Origin, values: tuple[str, ...]
+) -> dict[Origin, tuple[str, ...]]:
+    """Return the origins of a drive's values, those named moved to where they belong."""
+    kept = {k: tuple(key for key in keys if key not in values) for k, keys in drive.origin.items()}
+    return kept | {kind: values + kept.get(kind, ())}
 
 
 def plant_text(

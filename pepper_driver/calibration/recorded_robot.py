@@ -17,15 +17,19 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pepper_driver.calibration.drive import DriveValues, changed_drive, drive_values
+from pepper_driver.calibration.drive import (
+    DriveValues,
+    changed_drive,
+    drive_values,
+    with_origin,
+)
 from pepper_driver.calibration.replayed import RecordedRun, ReplayedRun, load_runs, replay
 from pepper_driver.config import PepperError, PlantConfig, RobotConfig
-from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.workers import Workers, run_jobs
 from pepper_driver.identification.dataset import load_measurement, read_manifest
 from pepper_driver.identification.measurements.program import MEASUREMENTS, measure_robot
 from pepper_driver.observer import nrmse_fit
-from pepper_driver.observer.fitting.samples import fit_samples
 from pepper_driver.observer.models.measured_robot import MeasuredJoint, MeasuredRobot
 
 Value = Literal["stiffness", "friction", "lead", "dead_band", "integral_time"]
@@ -37,16 +41,16 @@ LEAD_STEPS = 2.0
 """Power of these factors for the lead: it is known least."""
 
 CURRENT_WEIGHT = 0.5
-"""Weight of the misfit of currents beside that of errors, each as a share of what is to be explained."""
-
-MIN_MOTION = 0.02
-"""[rad] of a command over a run, without which a joint says nothing of itself."""
+"""Weight of the misfit of currents beside that of errors, each as a fraction of what is to be explained."""
 
 MIN_ROWS = 200
-"""Samples of a joint without which it keeps its values."""
+"""Samples of a joint without which it keeps its values, or is not judged on held-out runs."""
 
 MIN_EFFICIENCY = 0.2
-"""Least share of a motor's torque that reaches the joint."""
+"""Smallest fraction of a motor's torque that reaches the joint."""
+
+MAX_TICKS = 20
+"""Longest delay in a plant file, and most late samples in a row."""
 
 Progress = Callable[[float], None]
 """Called with the fraction done, 0..1."""
@@ -78,7 +82,7 @@ class JointCalibration:
 
     Attributes:
         before, after: Its values in the plant that was begun with, and in the fitted one.
-        efficiency: Share of the motor's torque that reaches the joint.
+        efficiency: Fraction of the motor's torque that reaches the joint.
         held_out: True if errors are of runs that nothing was fitted to, False where there are none.
         median_deg, p90_deg: Quantiles of abs(error) of the robot itself [deg].
         tracking_before, tracking_after: Of both plants.
@@ -221,7 +225,7 @@ def with_facts(
 ) -> PlantConfig:
     """Return a plant with what was measured of a robot: transport, noise, speed limit, efficiency, masses of arms.
 
-    Where a known weight was held, the share of torque that arrives and the masses of the arms are known apart.
+    Where a known weight was held, the fraction of torque that arrives and the masses of the arms are known apart.
     Without one, all that gravity asks for beyond the description counts as torque that does not arrive.
 
     Args:
@@ -229,17 +233,24 @@ def with_facts(
         facts: Of the robot.
         runs: Of the robot.
         robot: Its description.
+
+    Raises:
+        RobotCalibrationError: No plant answers as late.
     """
     delay = facts.response_delay
     sensor = min(delay, max(1, start.transport.sensor_delay))
+    if delay - sensor > MAX_TICKS:
+        raise RobotCalibrationError(
+            f"this robot answers {delay} ticks after a command; a plant does after {MAX_TICKS + sensor} at most"
+        )
     latest = max(float(run.recording.age.max()) for run in runs)
-    limits = [joint.speed for joint in facts.joints.values() if joint.speed_limited and joint.speed]
+    limits = list(facts.target_speeds.values())
     transport = replace(
         start.transport,
         command_delay=delay - sensor,
         sensor_delay=sensor,
         late=facts.late,
-        longest_late=round(latest / robot.cycle),
+        longest_late=min(round(latest / robot.cycle), MAX_TICKS),
         lost=facts.lost,
         encoder_noise=_without_steps(
             [joint.encoder_noise for joint in facts.joints.values()], robot.sensors.encoder.step
@@ -251,11 +262,17 @@ def with_facts(
     targets = start.targets
     if limits:
         targets = replace(targets, speed_limit=_rounded(float(np.median(limits))))
+    elif targets.speed_limit and max(facts.speeds.values(), default=0.0) > targets.speed_limit:
+        targets = replace(targets, speed_limit=None)
     drives = []
     for drive in start.actuators:
         for name in drive.joints:
-            share = _efficiency(facts.joints.get(name), drive.efficiency)
-            drives.append(replace(drive, joints=(name,), efficiency=_rounded(share)))
+            one = replace(drive, joints=(name,))
+            efficiency = _efficiency(facts.joints.get(name))
+            if efficiency is not None:
+                origin = with_origin(drive, "calibrated", ("efficiency",))
+                one = replace(one, efficiency=efficiency, origin=origin)
+            drives.append(one)
     return replace(
         start,
         transport=transport,
@@ -271,9 +288,10 @@ def _without_steps(noise: Sequence[float], step: float) -> float:
     return _rounded(float(np.sqrt(max(spread, 0.0))))
 
 
-def _efficiency(joint: MeasuredJoint | None, otherwise: float) -> float:
+def _efficiency(joint: MeasuredJoint | None) -> float | None:
+    """Return the fraction of a motor's torque that arrives; None where it was not measured."""
     scale = None if joint is None else joint.torque_scale or joint.load_scale
-    return otherwise if scale is None else float(np.clip(1.0 / scale, MIN_EFFICIENCY, 1.0))
+    return None if scale is None else _rounded(float(np.clip(1.0 / scale, MIN_EFFICIENCY, 1.0)))
 
 
 def _masses(start: PlantConfig, facts: MeasuredRobot, robot: RobotConfig) -> dict[str, float]:
@@ -362,20 +380,16 @@ def _with_values(
     )
 
 
-def _rows(run: RecordedRun, index: int) -> BoolArray:
-    """Return (n,) rows of a run that say something of a joint; none where it hardly moves."""
-    if float(np.ptp(run.recording.sent_position[:, index])) < MIN_MOTION:
-        return np.zeros(len(run.recording), dtype=np.bool_)
-    return fit_samples(run.recording, index)
-
-
 def _moved(runs: Sequence[RecordedRun], robot: RobotConfig) -> tuple[str, ...]:
     """Return the joints that move enough to be fitted."""
     return tuple(
-        name
-        for index, name in enumerate(robot.joint_names)
-        if sum(int(_rows(run, index).sum()) for run in runs) >= MIN_ROWS
+        name for index, name in enumerate(robot.joint_names) if _row_count(runs, index) >= MIN_ROWS
     )
+
+
+def _row_count(runs: Sequence[RecordedRun], index: int) -> int:
+    """Return the number of rows that say something of a joint."""
+    return sum(int(run.counts[:, index].sum()) for run in runs)
 
 
 def misfit(
@@ -383,8 +397,8 @@ def misfit(
 ) -> float:
     """Return how far a simulated joint is from the recorded one; 0 is perfect.
 
-    The mean size of the difference in errors, as a share of the mean size of the errors around their median, and
-    likewise for currents, with CURRENT_WEIGHT. Sizes, not squares: a real joint rests far off now and then, which no
+    The mean size of the difference in errors, as a fraction of the mean size of the errors around their median, and
+    the same for currents, with CURRENT_WEIGHT. Sizes, not squares: a real joint rests far off now and then, which no
     fit should follow.
 
     Args:
@@ -408,7 +422,7 @@ def _joined(
     """Return (n,) errors [rad] of the robot and of the simulated one, and their currents [A], of rows that count."""
     parts = []
     for run, one in zip(runs, replayed, strict=True):
-        rows, recording = _rows(run, index), run.recording
+        rows, recording = run.counts[:, index], run.recording
         sent = recording.sent_position[rows, index]
         parts.append(
             (
@@ -429,10 +443,10 @@ def _compare(
     before: tuple[PlantConfig, Sequence[ReplayedRun]],
     after: tuple[PlantConfig, Sequence[ReplayedRun]],
 ) -> JointCalibration:
-    """Return how near a joint comes before and after: on held-out runs, where it moves in some."""
+    """Return how near a joint comes before and after: on held-out runs, where it moves enough in them."""
     index = robot.joint_index(joint)
-    out = [k for k, run in enumerate(runs) if run.held_out and _rows(run, index).any()]
-    chosen = out or [k for k in range(len(runs)) if not runs[k].held_out]
+    held_out = _row_count([run for run in runs if run.held_out], index) >= MIN_ROWS
+    chosen = [k for k, run in enumerate(runs) if run.held_out == held_out]
     some = [runs[k] for k in chosen]
 
     def tracking(replayed: Sequence[ReplayedRun]) -> tuple[FloatArray, Tracking]:
@@ -452,7 +466,7 @@ def _compare(
         before=drive_values(robot, before[0], joint),
         after=drive_values(robot, after[0], joint),
         efficiency=after[0].actuator(joint).efficiency,
-        held_out=bool(out),
+        held_out=held_out,
         median_deg=float(median),
         p90_deg=float(p90),
         tracking_before=tracking_before,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -12,15 +13,20 @@ from pepper_driver.backends import Backend
 from pepper_driver.backends.fields import Command, Measurement
 from pepper_driver.backends.motion_profile import minimum_jerk
 from pepper_driver.backends.mujoco_.backend import MujocoBackend
-from pepper_driver.config import PlantConfig, RobotConfig
-from pepper_driver.config.arrays import FloatArray
+from pepper_driver.backends.selection import takes_delay
+from pepper_driver.config import ConfigError, PlantConfig, RobotConfig
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.identification import RecordingFolderError
 from pepper_driver.identification.dataset import Manifest, RunEntry, finished, recording_path
 from pepper_driver.identification.measurements.program import measured_joints
 from pepper_driver.observer import Recording
+from pepper_driver.observer.fitting.samples import fit_samples
 
 APPROACH, REST = 2.0, 1.0
 """[s] to reach the first posture of a recording, and to come to rest there."""
+
+MIN_MOTION = 0.02
+"""[rad] of a command over a run, without which a joint says nothing of itself."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,6 +45,14 @@ class RecordedRun:
     recording: Recording
     pairing: int
 
+    @cached_property
+    def counts(self) -> BoolArray:
+        """(n, N) True in the rows that say something of a joint; in none where it hardly moves."""
+        moves = np.ptp(self.recording.sent_position, axis=0) >= MIN_MOTION
+        rows = [fit_samples(self.recording, index) for index in range(len(moves))]
+        counts: BoolArray = np.stack(rows, axis=1) & moves
+        return counts
+
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayedRun:
@@ -56,7 +70,7 @@ class ReplayedRun:
 def load_runs(
     folder: Path, manifest: Manifest, measured_delay: int, robot: RobotConfig
 ) -> tuple[RecordedRun, ...]:
-    """Return the runs of an identification that say what its joints do, each of the fewest there are.
+    """Return the fewest runs of an identification that say what its joints do.
 
     These are the runs by which the robot was measured, without the one with a weight in a hand; the fastest estimation
     run of each joint that they do not move; and the test runs.
@@ -64,7 +78,7 @@ def load_runs(
     Args:
         folder: Of the recordings.
         manifest: Of the folder.
-        measured_delay: Of the robot [ticks]: other runs than measurements are paired by it, where the robot is real.
+        measured_delay: Of the robot [ticks]: other runs than measurements are paired by it, where the robot is told it.
         robot: Its description.
 
     Raises:
@@ -91,15 +105,24 @@ def load_runs(
             f"{folder}: {len(missing)} of {len(chosen)} runs are missing, the first is {missing[0]}"
         )
     reported = manifest.response_delay
+    later = measured_delay if _takes_delay(manifest) else reported
     return tuple(
         RecordedRun(
             name=run.name,
             held_out=run.role == "test",
             recording=Recording.load(recording_path(folder, run.name), robot),
-            pairing=reported if manifest.simulated or run.role == "measurement" else measured_delay,
+            pairing=reported if run.role == "measurement" else later,
         )
         for run in chosen
     )
+
+
+def _takes_delay(manifest: Manifest) -> bool:
+    """Return true where the runs after the measurements were paired by the measured delay."""
+    try:
+        return takes_delay(manifest.backend)
+    except ConfigError:  # without its address, that of a bundle may be no URI
+        return not manifest.simulated
 
 
 def _stiffness(run: RunEntry) -> float:

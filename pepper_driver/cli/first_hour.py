@@ -34,12 +34,13 @@ from pepper_driver.first_hour.hour import run_hour
 from pepper_driver.first_hour.operator import Consent, Operator, TerminalOperator
 from pepper_driver.first_hour.plan import BY_KEY, HourPlan, PlannedStep, plan_hour
 from pepper_driver.first_hour.state import STATE, FirstHour, new_hour
-from pepper_driver.first_hour.steps import RobotSteps, check_fit, look
+from pepper_driver.first_hour.steps import RobotSteps, check_readiness, read_robot
 from pepper_driver.identification import Identification
 from pepper_driver.identification import Progress as RecordingProgress
 from pepper_driver.identification.measurements.program import Hand, held_weight
 from pepper_driver.observer.models.measured_robot import MeasuredRobot
 from pepper_driver.recording.labels import LabelSource
+from pepper_driver.recording.terminal_keys import NoTerminalError
 
 
 def first_hour(
@@ -109,11 +110,9 @@ def first_hour(
     show = _shower(console)
     operator: Operator = Consent(show) if yes else TerminalOperator(show, settings.answer)
     if label == BY_KEY and (sys.stdin is None or not sys.stdin.isatty()):
-        raise ConfigError(
-            "labels by key need a terminal to press keys in: start it in one, or give another --label, such as head"
-        )
+        raise NoTerminalError
     try:
-        info, _ = look(backend, robot)
+        info, _ = read_robot(backend, robot)
     except PepperError:
         if (out / STATE).exists():
             console.print(
@@ -142,11 +141,13 @@ def first_hour(
 
     def check(step: PlannedStep) -> None:
         _print_step(console, step)
-        check_fit(backend, robot, info.identity)
+        check_readiness(backend, robot, info.identity)
 
     hour = run_hour(
         out, asked, hour_plan, steps.actions(), operator, check=check, show=console.print
     )
+    if not archive.exists():  # all steps were done before, and --pack names another file now
+        steps.pack()
     _print_end(console, hour)
     save_json(json_file, {step.name: dict(step.figures) for step in hour.steps}, console)
     console.print(f"folder: {out}; archive: {archive}")

@@ -261,7 +261,7 @@ def identify(
         bool,
         typer.Option(
             "--yes",
-            help="Do not ask before a real robot moves its legs or its base, or its arms fast.",
+            help="Do not ask before a real robot moves its legs or its base, or its arms fast; a weight is asked for.",
         ),
     ] = False,
     seed: Annotated[
@@ -355,7 +355,7 @@ def identify(
                     weight=held,
                     seed=chosen.seed if seed is None else seed,
                     workers=pool,
-                    confirm=None if yes else confirm,
+                    confirm=by_hand_only(confirm) if yes else confirm,
                     progress=progress,
                 )
         read_manifest(folder)  # where it is missing, that is the one line
@@ -522,6 +522,16 @@ def _progress(console: Console) -> Iterator[tuple[Progress, Confirm]]:
             bars.start()
 
         yield report_progress, confirm
+
+
+def by_hand_only(confirm: Confirm) -> Confirm:
+    """Return a question for what a person must do: without a person no weight hangs in the hand."""
+
+    def confirm_by_hand(run: IdentificationRun) -> None:
+        if run.by_hand:
+            confirm(run)
+
+    return confirm_by_hand
 
 
 @contextmanager

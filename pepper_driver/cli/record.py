@@ -10,10 +10,9 @@ import typer
 from pepper_driver.cli.console import check_outputs, duration_text, make_console, show_line
 from pepper_driver.config import load_experiment, load_robot
 from pepper_driver.config.file_lock import lock_file
-from pepper_driver.config.touch_prompts import TouchPrompt, load_touch_prompts
-from pepper_driver.log import Label
+from pepper_driver.config.touch_prompts import load_touch_prompts
 from pepper_driver.recording.labels import LabelSource
-from pepper_driver.recording.record import record_labelled
+from pepper_driver.recording.record import label_text, prompt_text, record_labelled
 
 DEFAULT_SECONDS = 60.0
 """[s] for which a robot that plays nothing holds its posture."""
@@ -89,13 +88,6 @@ def record(
             touches = "1 touch" if len(asked.touches) == 1 else f"{len(asked.touches)} touches"
             console.print(f"{touches} in {duration_text(asked.seconds)}; each is asked for")
 
-    def show_prompt(number: int, prompt: TouchPrompt) -> None:
-        force = "" if prompt.force is None else f" ({prompt.force:g} N)"
-        show_line(console, f"{number + 1:3d}. {prompt.say}{force}")
-
-    def show_label(end: Label) -> None:
-        show_line(console, f"{end.time:8.2f} s  {end.phase}")
-
     done = record_labelled(
         backend,
         out,
@@ -106,8 +98,8 @@ def record(
         seed=seed,
         link=link,
         joint=joint,
-        on_prompt=show_prompt,
-        on_label=show_label,
+        on_prompt=lambda number, prompt: show_line(console, prompt_text(number, prompt)),
+        on_label=lambda made: show_line(console, label_text(made)),
         on_start=lambda _: start(),
     )
     touches = "1 touch" if done.touches == 1 else f"{done.touches} touches"

@@ -8,7 +8,7 @@ import json
 import platform
 import re
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from io import BytesIO
 from pathlib import Path
@@ -45,8 +45,11 @@ _INSPECTED = ("time", "age", "position", "current", "wheel_speed", "temperature"
 _ADDRESSES = (
     re.compile(r"\b(?:\d{1,3}\.){3}\d{1,3}\b"),
     re.compile(r"(?i)\b(?:[0-9a-f]{2}[:-]){5}[0-9a-f]{2}\b"),
-    re.compile(r"(?i)(?<![\w:])(?:[0-9a-f]{0,4}:){3,7}[0-9a-f]{1,4}(?![\w:])"),
+    re.compile(r"(?i)(?<![\w:])(?:[0-9a-f]{0,4}:){3,7}[0-9a-f]{1,4}(?!\w|:\w)"),
+    re.compile(r"(?i)(?<![\w:])[0-9a-f]{0,4}::[0-9a-f]{1,4}(?!\w|:\w)"),
 )
+_FOLDER = re.compile(r"(?<![\w/.>])(?:/[^\s/'\":;,<>()]+)+/(?=[^\s/'\":;,<>()])")
+"""Folders of an absolute path: its file keeps its name."""
 
 
 def robot_hash(identity: str) -> str:
@@ -63,17 +66,17 @@ class Scrubber:
     """Takes names and addresses out of texts, and puts a hash in place of a robot's serial number.
 
     Args:
-        uri: Of the robot.
+        uris: Of the robot, by all its addresses.
         info: Of its backend.
     """
 
-    def __init__(self, uri: str, info: BackendInfo) -> None:
-        host = parse_uri(uri).host
-        user, _, address = host.rpartition("@")
+    def __init__(self, uris: Sequence[str], info: BackendInfo) -> None:
+        self._uris, self._info = tuple(uris), info
+        hosts = [parse_uri(uri).host.rpartition("@") for uri in uris]
         names = {
             robot_hash(info.identity): (_serial(info.identity),),
-            "<robot>": (address.split(":")[0],),
-            "<user>": (user.split(":")[0], _user(), Path.home().name),
+            "<robot>": tuple(address.split(":")[0] for _, _, address in hosts),
+            "<user>": (*(user.split(":")[0] for user, _, _ in hosts), _user(), Path.home().name),
             "<computer>": (platform.node(), platform.node().split(".")[0]),
         }
         # A simulated robot has a hash for its identity, and no address.
@@ -85,10 +88,16 @@ class Scrubber:
         ]
         self._home = str(Path.home())
 
+    def also_of(self, uri: str) -> Scrubber:
+        """Return one that takes out the names in one more address of the robot as well; empty for none."""
+        return Scrubber((*self._uris, uri), self._info) if uri else self
+
     def text(self, text: str) -> str:
         """Return a text without them."""
+        text = text.replace("%2F", "/")  # a path in the query of a URI
         if len(self._home) > 1:
             text = text.replace(self._home, "<home>")
+        text = _FOLDER.sub("<folder>/", text)
         for pattern in _ADDRESSES:
             text = pattern.sub("<address>", text)
         for pattern, what in self._names:
@@ -126,7 +135,7 @@ def write_bundle(path: Path, uri: str, examination: Examination, motion_test: Mo
     Raises:
         OutputError: The file cannot be written.
     """
-    scrubber, info = Scrubber(uri, examination.info), examination.info
+    scrubber, info = Scrubber((uri,), examination.info), examination.info
     report = {
         "format": FORMAT,
         "versions": versions(),

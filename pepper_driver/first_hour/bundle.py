@@ -13,7 +13,7 @@ from typing import Literal, get_args
 
 from pepper_driver.backends.log_file import RUN
 from pepper_driver.backends.log_records import find_metadata
-from pepper_driver.config import PepperError
+from pepper_driver.config import PepperError, load_robot
 from pepper_driver.config.errors import reason
 from pepper_driver.first_hour.state import STATE, FirstHour, FirstHourError, StepName, load_state
 from pepper_driver.identification.dataset import (
@@ -125,6 +125,12 @@ def _bundle(source: Path, folder: Path, parts: Collection[Part]) -> Bundle:
     except FirstHourError as error:
         text = str(error).replace(f"{folder}/", "").replace(str(folder), "it")
         raise BundleError(f"{source}: {text.split('; ')[0]}") from error
+    robot = load_robot()
+    here = (robot.name, robot.joint_names, robot.cycle)
+    if (state.robot, state.joint_names, state.cycle) != here:
+        raise BundleError(
+            f"{source}: it is of a robot '{state.robot}' with other joints or another clock than '{robot.name}' here"
+        )
     files = {part: folder / place for part, place in PLACES.items()}
     for part in parts:
         if state.step(_STEP_OF[part]).progress != "done":
@@ -133,7 +139,8 @@ def _bundle(source: Path, folder: Path, parts: Collection[Part]) -> Bundle:
                 "first-hour' that began it goes on from there"
             )
         if not files[part].exists():
-            raise BundleError(f"{source}: {PLACES[part]} is missing; have it sent again")
+            remedy = "" if source.is_dir() else "; have it sent again"
+            raise BundleError(f"{source}: {PLACES[part]} is missing{remedy}")
         _check_robot(source, part, files[part], state)
     return Bundle(
         source=source,
@@ -150,7 +157,7 @@ def _bundle(source: Path, folder: Path, parts: Collection[Part]) -> Bundle:
 def _check_robot(source: Path, part: Part, file: Path, state: FirstHour) -> None:
     """Refuse a part of another robot than the state says, and one that cannot be read."""
     try:
-        identity = _identity(part, file, state.cycle)
+        identity = _identity(part, file)
     except (ModelFileError, RecordingFolderError, OSError, ValueError) as error:
         text = reason(error).replace(f"{file.parent}/", "")
         raise BundleError(f"{source}: {PLACES[part]} cannot be read: {text}") from error
@@ -161,12 +168,10 @@ def _check_robot(source: Path, part: Part, file: Path, state: FirstHour) -> None
         )
 
 
-def _identity(part: Part, file: Path, cycle: float) -> str | None:
+def _identity(part: Part, file: Path) -> str | None:
     """Return the identity of the robot that a part is of; None where it does not say. Its clock is checked too."""
     if part == "models":
-        models = ModelSet.load(file)
-        _check_clock(models.cycle, cycle)
-        return models.identity
+        return ModelSet.load(file, load_robot()).identity
     if part == "identification":
         manifest = read_manifest(file)
         names = [run.name for run in manifest.runs]
@@ -182,13 +187,10 @@ def _identity(part: Part, file: Path, cycle: float) -> str | None:
         found = find_metadata(log.read(BEGIN_SIZE), (RUN,))
     if RUN not in found:
         raise OSError("it is no log of this package, or its begin is damaged")
-    _check_clock(float(found[RUN].get("cycle", "nan")), cycle)
-    return found[RUN].get("identity")
-
-
-def _check_clock(cycle: float, expected: float) -> None:
+    cycle, expected = float(found[RUN].get("cycle", "nan")), load_robot().cycle
     if cycle != expected:
         raise OSError(f"it is of a robot whose clock has cycles of {cycle} s, not {expected} s")
+    return found[RUN].get("identity")
 
 
 def _extract(path: Path, folder: Path) -> None:

@@ -68,7 +68,7 @@ def run_hour(
             try:
                 if step.moves:
                     check(step)
-                    operator.confirm(_question(step))
+                    operator.confirm(f"Begin step '{name}'?")
                 begun = True
                 hour = hour.begun(name)
                 save_state(path, hour)
@@ -85,14 +85,10 @@ def run_hour(
     return hour
 
 
-def _question(step: PlannedStep) -> str:
-    return f"Begin step '{step.name}'?"
-
-
 def _how_to_go_on(hour: FirstHour, name: StepName, folder: Path) -> str:
     done = [step.name for step in hour.steps if step.progress == "done"]
     kept = f"done: {', '.join(done)}" if done else "no step is done"
     return (
-        f"the hour ended early, in step '{name}'; {kept}. All that was recorded is kept in {folder}, and the robot is "
-        "let go. When the cause is removed, the same command goes on from there"
+        f"the hour ended early, in step '{name}'; {kept}. All that was recorded is kept in {folder}. When the cause is "
+        "removed, the same command goes on from there"
     )

@@ -81,7 +81,7 @@ class TerminalOperator:
             self._show(f"{question} [y/N]")
             answer = _read_line(self._seconds)
             if answer is None:
-                raise OperatorLeftError(f"no answer for {self._seconds:g} s")
+                raise OperatorLeftError(f"no answer for {self._seconds:g} s, or a closed terminal")
             if answer.strip().lower() in YES:
                 return True
             if answer.strip().lower() in NO:
@@ -96,9 +96,10 @@ def _read_line(seconds: float) -> str | None:
         import termios
     except ImportError:  # Windows: a question there waits for ever
         return sys.stdin.readline() or None
-    # What was typed while the robot moved is no answer.
-    termios.tcflush(sys.stdin, termios.TCIFLUSH)
-    ready, _, _ = select.select([sys.stdin], [], [], seconds)
-    if not ready:
+    try:
+        # What was typed while the robot moved is no answer.
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
+        ready, _, _ = select.select([sys.stdin], [], [], seconds)
+        return (sys.stdin.readline() or None) if ready else None
+    except (OSError, termios.error):  # the terminal was closed
         return None
-    return sys.stdin.readline() or None

@@ -14,8 +14,8 @@ from pepper_driver.backends.log_file import decode_log, read_bytes, topics_of
 from pepper_driver.backends.log_records import find_chunks, messages_in
 from pepper_driver.config.files import replacing
 from pepper_driver.doctor.bundle import DATE, Scrubber, robot_hash
-from pepper_driver.first_hour.bundle import PLACES, README
-from pepper_driver.first_hour.state import STATE, FirstHour, load_state
+from pepper_driver.first_hour.bundle import PLACES, README, open_bundle
+from pepper_driver.first_hour.state import STATE
 from pepper_driver.identification.dataset import MANIFEST, read_manifest, recording_path
 from pepper_driver.log.reader import usual_layout
 from pepper_driver.log.topics import EVENTS
@@ -39,7 +39,7 @@ pepper evaluate --log first_hour.zip            makes a page of results
 pepper calibrate --recordings first_hour.zip    makes a simulated robot that is like this one
 """
 
-_SCRUBBED = ("backend", "identity", "parents", "observer", "observer_models")
+_SCRUBBED = ("backend", "parents", "observer", "observer_models")
 """Metadata of a log in which names may stand."""
 
 
@@ -53,17 +53,23 @@ def pack_bundle(folder: Path, path: Path, uri: str, info: BackendInfo) -> None:
         info: Of its backend.
 
     Raises:
-        PepperError: A part cannot be read, or the archive cannot be written.
+        BundleError: A part is missing, damaged, or of another robot than the others.
+        PepperError: The archive cannot be written.
     """
-    scrubber = Scrubber(uri, info)
-    identity = robot_hash(info.identity)
-    models = _models(folder, scrubber, identity)
+    with open_bundle(folder) as bundle:
+        state = bundle.state
     manifest = read_manifest(folder / PLACES["identification"])
+    # A robot may have had another address when it was recorded.
+    scrubber = Scrubber((uri, manifest.backend), info)
+    identity = robot_hash(info.identity)
+    loaded = ModelSet.load(folder / PLACES["models"])
+    models = replace(loaded, identity=identity, created_by=scrubber.text(loaded.created_by))
     described = asdict(manifest) | {
         "backend": scrubber.text(manifest.backend),
         "identity": identity,
     }
-    hour = _hour(load_state(folder / STATE), identity)
+    # What steps found are numbers, and names of joints, links and checks.
+    hour = replace(state.done("pack", {}), identity=identity)
     with replacing(path) as partial, TemporaryDirectory() as name:
         temporary = Path(name)
         models.save(temporary / PLACES["models"])
@@ -78,36 +84,26 @@ def pack_bundle(folder: Path, path: Path, uri: str, info: BackendInfo) -> None:
                 file = recording_path(recordings, run.name)
                 _write(archive, f"{recordings.name}/{file.name}", file.read_bytes())
             for log in (PLACES["rest"], PLACES["free"], PLACES["touches"]):
-                copy_log(folder / log, temporary / log, scrubber, models)
+                _copy_log(folder / log, temporary / log, scrubber, models)
                 _write(archive, log, (temporary / log).read_bytes())
 
 
-def _models(folder: Path, scrubber: Scrubber, identity: str) -> ModelSet:
-    models = ModelSet.load(folder / PLACES["models"])
-    return replace(models, identity=identity, created_by=scrubber.text(models.created_by))
-
-
-def _hour(hour: FirstHour, identity: str) -> FirstHour:
-    done = hour.done("pack", {})
-    # Figures are numbers, and names of joints, links and checks.
-    return replace(done, identity=identity)
-
-
-def copy_log(path: Path, out: Path, scrubber: Scrubber, models: ModelSet) -> None:
+def _copy_log(path: Path, out: Path, scrubber: Scrubber, models: ModelSet) -> None:
     """Copy a log, without names in its metadata and events.
 
     Args:
         path: The log.
         out: The copy.
-        scrubber: Takes names out.
-        models: As they are packed: the log says that it was made with these.
+        scrubber: Takes names out; those of the log's own backend are added.
+        models: As they are packed: the log says that it was made with these, on their robot.
 
     Raises:
         LogError: The log cannot be read, or the copy cannot be written.
     """
     data = read_bytes(path)
     file = decode_log(path, data, usual_layout())
-    metadata = dict(file.metadata)
+    metadata = {**file.metadata, "identity": models.identity}
+    scrubber = scrubber.also_of(metadata.get("backend", ""))
     for key in _SCRUBBED:
         if key in metadata:
             metadata[key] = scrubber.text(metadata[key])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 from pepper_driver.config import Experiment, RobotConfig, load_doctor_settings, load_experiment
 from pepper_driver.config.files import content_hash
@@ -20,12 +20,6 @@ from pepper_driver.identification.runs import (
     plan_runs,
     sweeps_of,
 )
-
-MAX_ROBOT_TIME = 3600.0
-"""[s] of the robot that the shipped plan may take."""
-
-MAX_HANDS_TIME = 900.0
-"""[s] of a person's hands that the shipped plan may take."""
 
 SETTLE = 3.0
 """[s] to the posture in which the robot stands."""
@@ -108,14 +102,9 @@ class HourPlan:
         return tuple(sweeps_of(self.experiment).joints)
 
     def hash(self) -> str:
-        """Hash of what the robot does; times of persons do not count."""
-        settings = {
-            key: value
-            for key, value in asdict(self.settings).items()
-            if key not in ("session", "confirmation", "weight", "answer")
-        }
+        """Hash of what the robot does, wherever the files of its motions are; times of persons do not count."""
         motions = [experiment_hash(one) for one in (self.experiment, self.calibration, self.free)]
-        return content_hash([settings, motions])
+        return content_hash([self.settings.version, self.settings.rest, motions])
 
 
 def standing(seconds: float) -> Experiment:
@@ -167,7 +156,7 @@ def plan_hour(
     hands = {name: settings.confirmation if seconds[name] else 0.0 for name in STEPS}
     hands["measure"] += settings.confirmation  # before the fast arms
     if weight is not None:
-        hands["measure"] += settings.weight
+        hands["measure"] += settings.weighing
     hands["touches"] += asked.seconds
     return HourPlan(
         settings=settings,

@@ -29,7 +29,7 @@ StepName = Literal["doctor", "measure", "identify", "rest", "free", "touches", "
 STEPS: tuple[StepName, ...] = get_args(StepName)
 """In their order."""
 
-Progress = Literal["open", "begun", "done"]
+StepProgress = Literal["open", "begun", "done"]
 
 Figure = bool | int | float | str | tuple[str, ...] | None
 
@@ -52,7 +52,7 @@ class StepRecord:
     """
 
     name: StepName
-    progress: Progress = "open"
+    progress: StepProgress = "open"
     begin: str | None = None
     end: str | None = None
     figures: Mapping[str, Figure] = field(default_factory=dict)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from statistics import median
 from typing import Protocol
 
 from pepper_driver.backends import BackendInfo, Measurement, make_backend
@@ -16,19 +17,20 @@ from pepper_driver.backends.readiness import (
     CheckStatus,
     check_battery,
     check_temperatures,
+    refuse_failed,
 )
 from pepper_driver.config import Experiment, RobotConfig, load_safety_settings
-from pepper_driver.config.touch_prompts import TouchPrompt
+from pepper_driver.config.errors import reason
+from pepper_driver.config.files import OutputError
 from pepper_driver.config.workers import Workers
 from pepper_driver.controller import Tick
 from pepper_driver.doctor import examine, try_motion
 from pepper_driver.doctor.bundle import write_bundle
-from pepper_driver.doctor.examination import Examination
 from pepper_driver.doctor.motion_test import MotionTest, make_pepper
 from pepper_driver.experiments.plan import plan_experiment
 from pepper_driver.first_hour.bundle import PLACES
 from pepper_driver.first_hour.operator import Operator
-from pepper_driver.first_hour.plan import BY_KEY, HourPlan, standing
+from pepper_driver.first_hour.plan import HourPlan, standing
 from pepper_driver.first_hour.state import Figure, FirstHourError, StepName
 from pepper_driver.identification import (
     Identification,
@@ -41,9 +43,9 @@ from pepper_driver.identification.dataset import load_measurement, recording_pat
 from pepper_driver.identification.measurements.held_weight import falling_weight
 from pepper_driver.identification.measurements.program import WEIGHT, measure_robot
 from pepper_driver.identification.runs import run_name
-from pepper_driver.observer import Contact, Observation
+from pepper_driver.observer import Observation
 from pepper_driver.observer.models.measured_robot import MeasuredRobot
-from pepper_driver.recording.record import record_labelled
+from pepper_driver.recording.record import label_text, prompt_text, record_labelled
 from pepper_driver.recording.terminal_keys import StopKey
 from pepper_driver.robot import Pepper
 
@@ -74,7 +76,7 @@ class Display(Protocol):
         """Show the progress of runs; the second part asks, and makes room for the question."""
 
 
-def look(uri: str, robot: RobotConfig) -> tuple[BackendInfo, Measurement]:
+def read_robot(uri: str, robot: RobotConfig) -> tuple[BackendInfo, Measurement]:
     """Connect to a robot, read it once, and let it go: nothing is sent to it.
 
     Raises:
@@ -88,14 +90,14 @@ def look(uri: str, robot: RobotConfig) -> tuple[BackendInfo, Measurement]:
         backend.close()
 
 
-def check_fit(uri: str, robot: RobotConfig, identity: str) -> None:
-    """See that a robot is still the one that began, charged and cool, before it moves again.
+def check_readiness(uri: str, robot: RobotConfig, identity: str) -> None:
+    """Check that a robot is still the one that began, charged and cool, before it moves again.
 
     Raises:
         FirstHourError: It is not; the message has the remedy.
         PepperError: It cannot be reached.
     """
-    info, measurement = look(uri, robot)
+    info, measurement = read_robot(uri, robot)
     if info.identity != identity:
         raise FirstHourError(
             f"this is another robot than the one that began this hour ({info.identity}, not {identity}); connect to "
@@ -171,25 +173,25 @@ class RobotSteps:
         report = self.folder / PLACES["doctor"]
         set_aside(report)
         write_bundle(report, self.uri, seen, moved)
-        _refuse_failed(seen, moved)
+        results = (*seen.results, *moved.results)
+        refuse_failed("doctor", results)
         return {
-            "checks": len(seen.results) + len(moved.results),
+            "checks": len(results),
             "warnings": tuple(
-                result.name
-                for result in (*seen.results, *moved.results)
-                if result.status is CheckStatus.WARNING
+                result.name for result in results if result.status is CheckStatus.WARNING
             ),
         }
 
     def measure(self) -> Mapping[str, Figure]:
         """Measure the robot: delay, noise, friction, speed, and the scale of torques by a weight."""
-        self._record(measure_only=True)
-        if self.plan.weight is not None:
+        while True:
+            self._record(measure_only=True)
             recordings = load_measurement(self._recordings, self.robot)
+            if self.plan.weight is None:
+                break
             doubt = falling_weight(recordings, self.plan.weight, self.robot)
-            if doubt is not None and self._repeat([run_name(WEIGHT, 1)], doubt):
-                self._record(measure_only=True)
-        recordings = load_measurement(self._recordings, self.robot)
+            if doubt is None or not self._repeat([run_name(WEIGHT, 1)], doubt):
+                break
         manifest = read_manifest(self._recordings)
         measured = measure_robot(recordings, manifest.response_delay, self.robot, self.plan.weight)
         self.display.measured(measured)
@@ -211,10 +213,10 @@ class RobotSteps:
             touched = sorted(
                 {one.run for one in result.findings if one.kind == "contact" and one.run}
             )
-            reason = (
+            doubt = (
                 f"{len(touched)} runs look as if a person touched the robot: {', '.join(touched)}"
             )
-            if not (touched and self._repeat(touched, reason)):
+            if not (touched and self._repeat(touched, doubt)):
                 break
         result.models.save(self.folder / PLACES["models"])
         return {
@@ -247,9 +249,9 @@ class RobotSteps:
                 progress=progress,
             )
 
-    def _repeat(self, runs: Sequence[str], reason: str) -> bool:
+    def _repeat(self, runs: Sequence[str], doubt: str) -> bool:
         """Offer to record runs again; what was recorded is then set aside."""
-        self.display.line(f"warning: {reason}")
+        self.display.line(f"warning: {doubt}")
         if not self.operator.offer(
             "Record this again?" if len(runs) == 1 else "Record these again?"
         ):
@@ -264,7 +266,7 @@ class RobotSteps:
         """Play an experiment without a touch: all contacts are false."""
         log = self.folder / f"{name}.mcap"
         set_aside(log)
-        begun: list[Contact] = []
+        links: list[str] = []
         pepper = Pepper(
             self.uri,
             observer=OBSERVER,
@@ -274,8 +276,10 @@ class RobotSteps:
         plan = plan_experiment(experiment, self.robot, pepper.backend)
 
         def on_tick(tick: Tick, observation: Observation | None) -> None:
-            if observation is not None:
-                begun.extend(one for one in observation.contacts if one.phase == "begin")
+            for contact in () if observation is None else observation.contacts:
+                if contact.phase == "begin":
+                    links.append(contact.link)
+                    self.display.line(f"{contact.time:8.2f} s  false contact at {contact.link}")
 
         with (
             self.display.bar(self.plan.step(name).title) as advance,
@@ -284,11 +288,9 @@ class RobotSteps:
         ):
             pepper.start_log(log)
             pepper.play(plan, on_tick=on_tick, on_progress=advance)
-        for contact in begun:
-            self.display.line(f"{contact.time:8.2f} s  false contact at {contact.link}")
         return {
-            "false_contacts": len(begun),
-            "links": tuple(dict.fromkeys(one.link for one in begun)),
+            "false_contacts": len(links),
+            "links": tuple(dict.fromkeys(links)),
             "seconds": experiment.longest_time,
         }
 
@@ -296,29 +298,16 @@ class RobotSteps:
         """Ask for touches, and label them."""
         log = self.folder / PLACES["touches"]
         set_aside(log)
-        active: list[Pepper] = []
-
-        def stop(reason: str) -> None:
-            for pepper in active:
-                pepper.emergency_stop(reason)
-
-        def ask(number: int, prompt: TouchPrompt) -> None:
-            force = "" if prompt.force is None else f" ({prompt.force:g} N)"
-            self.display.line(f"{number + 1:3d}. {prompt.say}{force}")
-
-        # Where the space bar labels touches, it cannot stop the robot.
-        with nullcontext() if self.plan.label == BY_KEY else StopKey(stop):
-            done = record_labelled(
-                self.uri,
-                log,
-                self.plan.label,
-                prompts=self.plan.prompts,
-                observer=OBSERVER,
-                models=self.folder / PLACES["models"],
-                on_prompt=ask,
-                on_label=lambda label: self.display.line(f"{label.time:8.2f} s  {label.phase}"),
-                on_start=active.append,
-            )
+        done = record_labelled(
+            self.uri,
+            log,
+            self.plan.label,
+            prompts=self.plan.prompts,
+            observer=OBSERVER,
+            models=self.folder / PLACES["models"],
+            on_prompt=lambda number, prompt: self.display.line(prompt_text(number, prompt)),
+            on_label=lambda label: self.display.line(label_text(label)),
+        )
         if done.interrupt is not None:
             raise done.interrupt
         asked = len(self.plan.prompts.touches)
@@ -339,23 +328,21 @@ class RobotSteps:
 
 
 def set_aside(path: Path) -> None:
-    """Give a file another name, where there is one: an earlier attempt is not lost."""
+    """Give a file another name, where there is one: an earlier attempt is not lost.
+
+    Raises:
+        OutputError: It cannot be renamed.
+    """
     if not path.exists():
         return
     number = 1
     while (other := path.with_name(f"{path.name}.early-{number}")).exists():
         number += 1
-    path.rename(other)
-
-
-def _refuse_failed(seen: Examination, moved: MotionTest) -> None:
-    failed = [
-        result for result in (*seen.results, *moved.results) if result.status is CheckStatus.FAILED
-    ]
-    if failed:
-        raise FirstHourError("; ".join(str(result) for result in failed))
+    try:
+        path.rename(other)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be renamed ({reason(error)})") from error
 
 
 def _median(values: Sequence[float]) -> float | None:
-    ordered = sorted(values)
-    return ordered[len(ordered) // 2] if ordered else None
+    return median(values) if values else None

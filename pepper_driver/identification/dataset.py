@@ -116,6 +116,7 @@ _COMPARED = {
     "seed": "with the seed",
     "joints": "of the joints",
     "tested": "for a test only of the joints",
+    "response_delay": "with a delay in ticks of",
     "measured_by": "measuring",
     "weight": "with the weight",
 }

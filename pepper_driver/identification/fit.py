@@ -16,7 +16,6 @@ from pepper_driver.identification.dataset import (
     JointDataset,
     mirror_joint,
 )
-from pepper_driver.identification.measurements.program import target_speeds
 from pepper_driver.observer import (
     BaseModel,
     FitScore,
@@ -143,6 +142,7 @@ def fit_models(
     *,
     mirror: bool = True,
     share_types: bool = False,
+    target_speeds: Mapping[str, float] | None = None,
     workers: Workers = -1,
 ) -> FittedModels:
     """Fit a model to each joint.
@@ -153,6 +153,7 @@ def fit_models(
         robot: Its description.
         mirror: Also models of the other side, from the recordings seen in a mirror.
         share_types: One model per motor type, that of the joint which :func:`model_sources` names.
+        target_speeds: By joint whose board limits it, the measured speed of its target [rad/s]; of kind ``fusion``.
         workers: Processes for models of kind ``fusion``, -1 for one per core; or a cluster.
 
     Raises:
@@ -160,7 +161,12 @@ def fit_models(
     """
     if kind == "fusion":
         return _fit_fusion(
-            recordings, robot, mirror=mirror, share_types=share_types, workers=workers
+            recordings,
+            robot,
+            mirror=mirror,
+            share_types=share_types,
+            target_speeds=target_speeds or {},
+            workers=workers,
         )
     window = load_observer_settings().median_window
     sources = model_sources(recordings, robot, mirror=mirror) if share_types else {}
@@ -195,6 +201,7 @@ def _fit_fusion(
     *,
     mirror: bool,
     share_types: bool,
+    target_speeds: Mapping[str, float],
     workers: Workers,
 ) -> FittedModels:
     """Fusion models; their thresholds are chosen on the calibration runs or, without these, on the test runs."""
@@ -212,7 +219,7 @@ def _fit_fusion(
         {entry.joint: sources[entry.joint] for entry in entries if entry not in own},
         recordings.calibration or [entry.test for entry in entries],
         window=load_observer_settings().fusion_window,
-        target_speeds=target_speeds(recordings.measurement, robot),
+        target_speeds=target_speeds,
         workers=workers,
     )
     fits = {}

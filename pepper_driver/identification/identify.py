@@ -46,10 +46,13 @@ from pepper_driver.identification.fit import (
     shared_fits,
 )
 from pepper_driver.identification.measurements.friction import HeldWeight
+from pepper_driver.identification.measurements.held_weight import falling_weight
 from pepper_driver.identification.measurements.program import (
     RESPONSE,
+    WEIGHT,
     measure_robot,
     measured_joints,
+    weighted_hand,
 )
 from pepper_driver.identification.measurements.response import measure_response
 from pepper_driver.identification.quality import Finding, inspect_recordings
@@ -59,6 +62,7 @@ from pepper_driver.identification.runs import (
     perform,
     plan_measurements,
     plan_runs,
+    run_name,
     seeded_uri,
     sweeps_of,
 )
@@ -88,6 +92,7 @@ def record_missing(
     real_time: bool,
     takes_seed: bool,
     identity: str,
+    after_weight: bool = False,
     workers: Workers = -1,
     confirm: Confirm | None = None,
     progress: Progress | None = None,
@@ -96,19 +101,20 @@ def record_missing(
 
     Simulated backends run in parallel, each run on a robot and with a random sequence of its own; the result does not
     depend on ``workers``, nor on what was there. A backend in real time runs one after the other, after a dry run of
-    all runs.
+    all that are to be made now.
 
     Args:
         uri: The backend.
         runs: Those to make now.
-        every: All runs of the identification, of which the progress is told.
+        every: All runs of the identification: progress is that of them all.
         folder: Where their recordings are.
         robot: Its description.
         real_time: True for a real robot.
         takes_seed: True where the URI takes a seed of the noise.
         identity: Of the simulated robot, which is to be the same in each process.
+        after_weight: True where a person may still have a weight in the robot's hand: asked for before the first run.
         workers: Processes for simulated runs and dry runs, -1 for one per core; or a cluster.
-        confirm: Asked before each run of a real robot in which legs or base move.
+        confirm: Asked before each run of a real robot that a person must watch.
         progress: Called with the progress.
 
     Raises:
@@ -118,11 +124,11 @@ def record_missing(
     todo = [run for run in runs if run.name not in there]
     if not todo:
         return
-    if any(run.moves_legs for run in todo):
+    kept = finished(folder, [run.name for run in every])
+    if any(run.moves_legs for run in every if run.name not in kept):
         _check_balance(robot)
     report_progress = progress or (lambda what, done, total: None)
     total = sum(run.seconds for run in every)
-    kept = finished(folder, [run.name for run in every])
     done = sum(run.seconds for run in every if run.name in kept)
     if not real_time:
         report_progress("recording in simulation", done, total)
@@ -135,8 +141,9 @@ def record_missing(
         return
     _dry_run_all(todo, workers, report_progress)
     for run in todo:
-        if confirm is not None and run.watched:
-            confirm(run)
+        asked = run.after_weight() if after_weight and run is todo[0] else run
+        if confirm is not None and asked.watched:
+            confirm(asked)
         before = done
 
         def advance(fraction: float, run: IdentificationRun = run, before: float = before) -> None:
@@ -325,6 +332,7 @@ def record_joints(
             confirm=confirm,
             progress=progress,
         )
+        weighed = weight is not None and not finished(folder, [run_name(WEIGHT, 1)])
         if measurements:
             record(uri, measurements)
             response = load_measurement(folder, robot)[RESPONSE]
@@ -333,7 +341,7 @@ def record_joints(
         if measure_only:
             measurement = load_measurement(folder, robot)
             return IdentificationDataset(sweeps=(), calibration=(), measurement=measurement)
-        record(uri, runs)
+        record(uri, runs, after_weight=weighed)
     return load_recordings(folder, robot)
 
 
@@ -382,8 +390,15 @@ def _fit_folder(
     robot = load_robot()
     manifest, recordings = read_manifest(folder), load_recordings(folder, robot)
     share_types = share_types or bool(manifest.tested)
+    measured = _measured(manifest, recordings, robot)
     fitted = fit_models(
-        kind, recordings, robot, mirror=mirror, share_types=share_types, workers=workers
+        kind,
+        recordings,
+        robot,
+        mirror=mirror,
+        share_types=share_types,
+        target_speeds=None if measured is None else measured.target_speeds,
+        workers=workers,
     )
     fits: dict[str, dict[str, FitScore[float]]] = {kind: fitted.fits}
     if compare:
@@ -393,7 +408,10 @@ def _fit_folder(
                     other, recordings, robot, mirror=mirror, share_types=share_types
                 ).fits
         fits |= _closed_form(manifest, recordings, robot, mirror=mirror)
-    findings = inspect_recordings(recordings, fitted.models)
+    findings = (
+        *_weight_findings(manifest, recordings, robot),
+        *inspect_recordings(recordings, fitted.models),
+    )
     sensitivities = joint_sensitivities(fitted.models, recordings.free_motion, robot)
     return Identification(
         models=ModelSet(
@@ -408,7 +426,7 @@ def _fit_folder(
             version=version("pepper-driver"),
             models=fitted.models,
             base=fitted.base,
-            measured=_measured(manifest, recordings, robot),
+            measured=measured,
             created_by=_command(manifest, kind, mirror=mirror, share_types=share_types),
         ),
         fits=fits,
@@ -427,6 +445,18 @@ def _measured(
     if not recordings.measurement:
         return None
     return measure_robot(recordings.measurement, manifest.response_delay, robot, manifest.weight)
+
+
+def _weight_findings(
+    manifest: Manifest, recordings: IdentificationDataset, robot: RobotConfig
+) -> tuple[Finding, ...]:
+    """Find a known weight that was not in the hand during all of its run."""
+    if manifest.weight is None:
+        return ()
+    text = falling_weight(recordings.measurement, manifest.weight, robot)
+    if text is None:
+        return ()
+    return (Finding(kind="weight", joint=None, run=run_name(WEIGHT, 1), text=text),)
 
 
 def _closed_form(
@@ -451,10 +481,15 @@ def _command(manifest: Manifest, kind: ModelKind, *, mirror: bool, share_types: 
     options = [
         f"--backend {manifest.backend}",
         f"--experiment {manifest.experiment}",
+        f"--calibration {manifest.calibration or 'none'}",
         f"--joints {','.join((*manifest.joints, *manifest.tested))}",
         f"--model-type {kind}",
         f"--seed {manifest.seed}",
     ]
+    if not manifest.measured_by:
+        options.append("--no-measure")
+    if manifest.weight is not None:
+        options.append(f"--weight {manifest.weight.mass:g} --hand {weighted_hand(manifest.weight)}")
     if not mirror:
         options.append("--no-mirror")
     if share_types:

@@ -33,6 +33,7 @@ Kind = Literal[
     "behind",
     "blind",
     "doubtful",
+    "weight",
 ]
 
 MIN_RANGE = 0.1

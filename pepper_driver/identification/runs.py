@@ -29,11 +29,11 @@ from pepper_driver.experiments.plan import plan_experiment
 from pepper_driver.identification.measurements.friction import GRAVITY, HeldWeight
 from pepper_driver.identification.measurements.program import (
     FRICTION,
-    HAND_LINKS,
     MEASUREMENTS,
     SPEED,
     TESTED_SPEED,
     WEIGHT,
+    weighted_hand,
 )
 from pepper_driver.observer import Observation, Recording, RecordingBuilder
 from pepper_driver.recording.terminal_keys import StopKey
@@ -65,6 +65,7 @@ class IdentificationRun:
         seed: Of the random motion, and of a simulated robot's noise.
         seconds: How long it takes, from the first posture on [s].
         watched: Reason for which the user of a real robot is asked first; empty for none.
+        by_hand: True where the user must do something before, and is asked in any case.
         arm_speed: Largest speed of the arm joints [rad/s]; None for the controller's own.
         weight: That a person hangs into a hand before; it hangs in that of a simulated robot by itself. None for none.
     """
@@ -77,8 +78,14 @@ class IdentificationRun:
     seed: tuple[int, ...]
     seconds: float
     watched: str
+    by_hand: bool = False
     arm_speed: float | None = None
     weight: HeldWeight | None = None
+
+    def after_weight(self) -> IdentificationRun:
+        """Return the run with the request to empty the hand before it."""
+        watched = "; ".join(filter(None, (EMPTY_HAND, self.watched)))
+        return replace(self, watched=watched, by_hand=True)
 
     @property
     def moves_legs(self) -> bool:
@@ -97,6 +104,7 @@ class IdentificationRun:
 
 LEGS_MOVE, BODY_MOVES = "the legs move", "the whole body and the base move"
 FAST_ARMS = "both arms move fast, out to the front and back"
+EMPTY_HAND = "take the weight out of the hand now"
 
 
 WEIGHT_MARGIN = 10.0
@@ -131,14 +139,14 @@ def plan_measurements(
         if name == SPEED:
             run = replace(run, arm_speed=TESTED_SPEED)
         elif name == WEIGHT and weight is not None:
-            run = replace(run, weight=weight, watched=_hang(weight))
+            run = replace(run, weight=weight, watched=_hang(weight), by_hand=True)
         runs.append(run)
     return tuple(runs)
 
 
 def _hang(weight: HeldWeight) -> str:
-    side = next(side for side, link in HAND_LINKS.items() if link == weight.link)
-    return f"both arms move slowly, with a weight of {weight.mass:g} kg in the {side} hand: hang it there now"
+    hand = weighted_hand(weight)
+    return f"both arms move slowly, with a weight of {weight.mass:g} kg in the {hand} hand: hang it there now"
 
 
 def plan_runs(

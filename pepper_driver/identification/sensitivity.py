@@ -11,6 +11,7 @@ import numpy as np
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel
+from pepper_driver.identification.measurements.program import GRIP, HAND_LINKS
 from pepper_driver.identification.quality import Finding, Kind
 from pepper_driver.observer import FitScore, FusionModel, JointModel, Recording
 from pepper_driver.observer.fitting.bounds import motion_phase
@@ -28,10 +29,10 @@ MIN_LEVER = 0.03
 """[m] A place that is nearer to the axis of a joint hardly turns it."""
 
 POSTURE = "Stand"
-"""In which forces are told."""
+"""In which forces are given."""
 
-PLACES = {"hand": ("l_wrist", (0.07, 0.0, 0.0)), "forearm": ("LForeArm", (0.1, 0.0, 0.0))}
-"""Link and point in its frame [m] at which forces are told, of the left arm; the right one is its mirror image."""
+PLACES = {"hand": (HAND_LINKS["left"], GRIP), "forearm": ("LForeArm", (0.1, 0.0, 0.0))}
+"""Link and point in its frame [m] at which forces are given, of the left arm; the right one is its mirror image."""
 
 CAUSES: tuple[Kind, ...] = ("behind", "current", "bound", "excitation", "gaps", "stale", "contact")
 """Findings that may explain a blind joint, the likeliest first."""

@@ -163,7 +163,8 @@ class Labeller:
 class PromptedLabeller:
     """Makes labels of touches that prompts ask for, one after the other, each of its own place and force.
 
-    A touch that lasts into the next prompt keeps its place.
+    A touch that lasts into the next prompt keeps its place. Time is counted in ticks, as the player counts it: where
+    ticks are missed, both are late together.
 
     Args:
         source: What is pressed; see :func:`make_labeller`.
@@ -175,12 +176,14 @@ class PromptedLabeller:
     def __init__(
         self, source: str, prompts: TouchPrompts, robot: RobotConfig, space_bar: SpaceBar
     ) -> None:
-        self._prompts = prompts
         self._labellers = [
             make_labeller(source, robot, space_bar, link=touch.link, force=touch.force)
             for touch in prompts.touches
         ]
-        self._began: float | None = None
+        self._rest, self._period = (
+            round(time / robot.cycle) for time in (prompts.rest, prompts.time)
+        )
+        self._ticks = -1
         self._number = 0
 
     @property
@@ -188,20 +191,17 @@ class PromptedLabeller:
         """True if the last label was an onset."""
         return self._labellers[self._number].touched
 
-    def number(self, time: float) -> int | None:
-        """Return the number of the prompt at a time of the robot [s]; None before the first and after the last."""
-        if self._began is None:
-            return None
-        number = math.floor((time - self._began - self._prompts.rest) / self._prompts.time)
+    @property
+    def asked(self) -> int | None:
+        """Number of the prompt whose time it is; None before the first and after the last."""
+        number = (self._ticks - self._rest) // self._period
         return number if 0 <= number < len(self._labellers) else None
 
     def step(self, measurement: Measurement) -> tuple[Label, ...]:
         """Return the label of this tick, if there is one."""
-        if self._began is None:
-            self._began = measurement.time
-        asked = self.number(measurement.time)
-        if asked is not None and not self.touched:
-            self._number = asked
+        self._ticks += 1
+        if self.asked is not None and not self.touched:
+            self._number = self.asked
         return self._labellers[self._number].step(measurement)
 
 

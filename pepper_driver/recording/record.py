@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,7 +24,7 @@ from pepper_driver.recording.labels import (
     PromptedLabeller,
     make_labeller,
 )
-from pepper_driver.recording.terminal_keys import SpaceBar
+from pepper_driver.recording.terminal_keys import SpaceBar, StopKey
 from pepper_driver.robot import Pepper
 
 
@@ -59,6 +58,17 @@ def prompted_experiment(prompts: TouchPrompts) -> Experiment:
     )
 
 
+def prompt_text(number: int, prompt: TouchPrompt) -> str:
+    """Return a line that asks for a touch; ``number`` is from 0 on."""
+    force = "" if prompt.force is None else f" ({prompt.force:g} N)"
+    return f"{number + 1:3d}. {prompt.say}{force}"
+
+
+def label_text(label: Label) -> str:
+    """Return a line that confirms a label."""
+    return f"{label.time:8.2f} s  {label.phase}"
+
+
 @checked_arguments
 def record_labelled(
     uri: str,
@@ -78,6 +88,8 @@ def record_labelled(
     on_start: Callable[[Pepper], None] | None = None,
 ) -> LabelledRun:
     """Run the robot, log every tick, and label touches in the log. Ctrl-C or a signal ends it; what was recorded stays.
+
+    In a terminal the space bar and q stop the robot, unless the space bar labels touches.
 
     Args:
         uri: The robot. A simulated one runs in real time where the labels come from a key.
@@ -140,7 +152,7 @@ def record_labelled(
         if observation is not None:
             contacts += sum(contact.phase == "begin" for contact in observation.contacts)
         if isinstance(labeller, PromptedLabeller) and prompts is not None:
-            before, asked = asked, labeller.number(tick.measurement.time)
+            before, asked = asked, labeller.asked
             if asked is not None and asked != before and on_prompt is not None:
                 on_prompt(asked, prompts.touches[asked])
         while made:
@@ -154,7 +166,7 @@ def record_labelled(
         made.extend(labels)
         return labels
 
-    with space_bar if by_key else nullcontext(), pepper:
+    with space_bar if by_key else StopKey(pepper.emergency_stop), pepper:
         space_bar.forget()  # what was pressed while the robot started
         log = pepper.start_log(out, make_labels)
         if on_start is not None:

@@ -17,11 +17,14 @@ from pepper_driver.config.errors import PepperError
 POLL_PERIOD = 0.1
 """[s] between two checks of the stop flag."""
 
-_REFUSAL = "labels by key need a terminal to press keys in: start it in one, or give another --label, such as head"
-
 
 class NoTerminalError(PepperError, RuntimeError):
     """Keys are needed, and standard input is not a terminal."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "labels by key need a terminal to press keys in: start it in one, or give another --label, such as head"
+        )
 
 
 class Keys(ABC):
@@ -112,7 +115,7 @@ class SpaceBar(Keys):
     def __enter__(self) -> Self:
         super().__enter__()
         if not self.listening:
-            raise NoTerminalError(_REFUSAL)
+            raise NoTerminalError
         return self
 
     def _take(self, data: bytes) -> None:

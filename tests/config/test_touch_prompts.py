@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from pepper_driver.config import ConfigError, load_robot
-from pepper_driver.config.touch_prompts import load_touch_prompts
+from pepper_driver.config import ConfigError, UnknownNameError, load_robot
+from pepper_driver.config.touch_prompts import SHIPPED, load_touch_prompts
 
 ROBOT = load_robot()
 TEXT = """version: 1
@@ -17,13 +17,21 @@ touches:
 """
 
 
-def test_the_shipped_ones_are_thirty_and_take_less_than_five_minutes() -> None:
-    prompts = load_touch_prompts(ROBOT)
+@pytest.mark.parametrize("name", SHIPPED)
+def test_the_shipped_ones_are_thirty_and_take_less_than_five_minutes(name: str) -> None:
+    prompts = load_touch_prompts(ROBOT, name)
     assert len(prompts.touches) == 30
     assert prompts.seconds < 300.0
     links = {touch.link for touch in prompts.touches}
     assert {"l_wrist", "r_wrist", "LForeArm", "RBicep", "Head", "torso"} <= links
     assert len({touch.say for touch in prompts.touches}) == 30
+    pulled = sum(touch.force is not None for touch in prompts.touches)
+    assert pulled == (14 if name == "scale" else 0)
+
+
+def test_prompts_of_no_such_name_are_refused() -> None:
+    with pytest.raises(UnknownNameError, match="did you mean scale"):
+        load_touch_prompts(ROBOT, "scales")
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib.metadata import version
 
 from pepper_driver.config import ConfigError, load_robot
 from pepper_driver.config.touch_suites import load_touch_suites
@@ -52,6 +53,7 @@ class JudgedBundle:
     Attributes:
         record: The robot: its touches, and what each observer reports.
         simulated: Whether it is a simulated robot.
+        version: Of the package that recorded it.
         asked: Touches that a person was asked for.
         label: Source of the labels.
         begun: Date and time of the touches, UTC, ISO 8601; empty where it is not known.
@@ -60,6 +62,7 @@ class JudgedBundle:
 
     record: RobotRecord
     simulated: bool
+    version: str
     asked: int
     label: str
     begun: str
@@ -81,6 +84,8 @@ class JudgedBundle:
             f"{self.asked} asked for, marked by `{self.label}`; {forces}. There is no ground truth: onset and release "
             "are those of the label, as quick as who marked them; joint, direction, torque and delay are not scored."
         ]
+        if self.version != (here := version("pepper-driver")):
+            lines.append(f"{name}: recorded with version {self.version}, judged with {here}.")
         lines += [
             f"{name}: while the log `{log}` was recorded, {sensor} was pressed {count} times: someone may have touched "
             "the robot, and contacts there count as false all the same."
@@ -151,6 +156,7 @@ def _judged(bundle: Bundle, name: str, results: Sequence[_Result]) -> JudgedBund
             takes=tuple(take for take, _ in results),
         ),
         simulated=state.simulated,
+        version=state.version,
         asked=len(state.prompts.touches),
         label=state.label,
         begun=state.step("touches").begin or "",
@@ -168,12 +174,10 @@ def _take(
     """Return one log as a take, and by name how often sensors were pressed in it."""
     try:
         robot = load_robot()
-        path = {"rest": bundle.rest, "free": bundle.free, "touches": bundle.touches}[part]
+        path = bundle.place_of(part)
         log = read_log(path)
         if part == "touches":
-            pushes_of(
-                log
-            )  # raises without labels: a rehearsal has a truth too, and it does not count
+            pushes_of(log)  # raises without labels: the truth of a rehearsal does not count
         episode = episode_of(log, path, labels_only=True)
         files = ModelFiles(fusion=bundle.models)
         take = take_of(

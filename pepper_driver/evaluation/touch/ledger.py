@@ -31,7 +31,7 @@ FIRST_DRAW, ROBOTS, HUNDRED = DEVELOPMENT_DRAWS, 20, 100
 T = TypeVar("T")
 
 _APART = (
-    *(f"{name}/*" for name in ("bench", "calibration", "callbacks", "cli", "doctor")),
+    *(f"{name}/*" for name in ("bench", "callbacks", "cli", "doctor")),
     *(f"{name}/*" for name in ("first_hour", "rendering", "replay", "testing", "viewer")),
     *(f"backends/{name}/*" for name in ("naoqi", "naoqi_server")),
     *(f"evaluation/{name}.py" for name in ("figures", "report", "results")),

@@ -63,17 +63,10 @@ class MeasuredFriction:
         friction: Coulomb friction, as the motor's torque [N m].
         load_scale: Torque of the motor per torque that the model of the robot asks for, 1 where both are as documented;
             None where the load changes too little to say.
-        samples: Number of samples that were used.
     """
 
     friction: float
     load_scale: float | None
-    samples: int
-
-    @property
-    def joint_friction(self) -> float | None:
-        """Friction at the joint [N m]: the motor's torque for it, with what of that arrives there; None if unknown."""
-        return None if self.load_scale is None else self.friction / self.load_scale
 
 
 def measure_friction(
@@ -101,15 +94,11 @@ def measure_friction(
     constant = robot.motors.joint_torque_constant(joint)
     torque, step = constant * current, constant * robot.sensors.current.step
     if float(torque.mean()) < SMALL_CURRENT * step:
-        friction = _fit_small(torque, direction, load, step)
-        if friction is None:
-            return None
-        return MeasuredFriction(friction=friction, load_scale=None, samples=len(torque))
+        small = _fit_small(torque, direction, load, step)
+        return None if small is None else MeasuredFriction(friction=small, load_scale=None)
     scaled = float(np.ptp(load)) > MIN_LOAD_RANGE
     friction, scale = _fit(torque, direction, load, scaled=scaled)
-    return MeasuredFriction(
-        friction=friction, load_scale=scale if scaled else None, samples=len(torque)
-    )
+    return MeasuredFriction(friction=friction, load_scale=scale if scaled else None)
 
 
 def measure_dead_band(

@@ -17,10 +17,10 @@ from pepper_driver.identification.measurements.friction import (
 from pepper_driver.identification.measurements.program import FRICTION, WEIGHT, measured_joints
 from pepper_driver.observer import Recording
 
-MIN_SHARE = 0.35
+MIN_HELD_RATIO = 0.35
 """Of what a weight should count, below which it hangs at no joint: arms that weigh twice as much halve it."""
 
-MIN_RATIO = 0.5
+MIN_HALVES_RATIO = 0.5
 """Of what the weight counts at one joint and at those of the other half: masses of arms are known better than that."""
 
 
@@ -54,7 +54,7 @@ def falling_weight(
     if not (first and second):
         return None
     most = max(*first.values(), *second.values())
-    if most < MIN_SHARE:
+    if most < MIN_HELD_RATIO:
         return f"the weight of {weight.mass:g} kg counts {most:.2f} times at most: it was not in the hand"
     for half, other, what in (
         (second, first, "it fell meanwhile"),
@@ -62,7 +62,7 @@ def falling_weight(
     ):
         joint = min(half, key=lambda name: half[name])
         usual = median(other.values())
-        if half[joint] < MIN_RATIO * usual:
+        if half[joint] < MIN_HALVES_RATIO * usual:
             return (
                 f"the weight of {weight.mass:g} kg counts {half[joint]:.2f} times at {joint} and {usual:.2f} times in "
                 f"the other half of its run: {what}, or it swings"

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from pepper_driver.config import RobotConfig
-from pepper_driver.config.arrays import FloatArray
 from pepper_driver.identification.measurements.response import STILL
 from pepper_driver.observer import Recording
 
@@ -53,21 +52,15 @@ def lost_fraction(
 
     Samples that are late as a whole do not count.
     """
-    least = FAST_STEPS * robot.sensors.encoder.step
+    step = robot.sensors.encoder.step
     repeated = seen = 0
     for run in recordings:
         fresh = run.age < 0.5 * run.cycle
         for joint in joints:
             change = np.abs(np.diff(run.position[:, robot.joint_index(joint)]))
             # A lost sample has its motion in the next one.
-            moving = (change[:-2] > least) & (change[2:] > least) & fresh[1:-2] & fresh[2:-1]
-            moving &= fresh[3:]
+            moving = np.minimum(change[:-2], change[2:]) > FAST_STEPS * step
+            moving &= fresh[1:-2] & fresh[2:-1] & fresh[3:]
             seen += int(np.count_nonzero(moving))
-            repeated += int(np.count_nonzero(moving & _stands(change[1:-1], robot)))
+            repeated += int(np.count_nonzero(moving & (change[1:-1] < 0.5 * step)))
     return repeated / seen if seen else None
-
-
-def _stands(change: FloatArray, robot: RobotConfig) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Return which changes are none."""
-    stands: np.ndarray[tuple[int], np.dtype[np.bool_]] = change < 0.5 * robot.sensors.encoder.step
-    return stands

@@ -30,10 +30,18 @@ MEASUREMENTS = (RESPONSE, FRICTION, SPEED)
 WEIGHT = "measure_weight"
 """Name of the run that makes FRICTION again with a weight in a hand."""
 
+Hand = Literal["left", "right"]
+
+HAND_LINKS: dict[Hand, str] = {"left": "l_wrist", "right": "r_wrist"}
+
 GRIP = (0.07, 0.0, 0.0)
 """(3,) Middle of a hand in the frame of its link [m]."""
 
-Hand = Literal["left", "right"]
+MIN_WEIGHT, MAX_WEIGHT = 0.2, 0.6
+"""[kg] The hands of a Pepper are documented to carry 0.5 kg."""
+
+TESTED_SPEED = 2.6
+"""[rad/s] Largest commanded speed of arm joints while their speed is measured: recorded robots reached less."""
 
 
 def held_weight(mass: float, hand: Hand) -> HeldWeight:
@@ -44,19 +52,15 @@ def held_weight(mass: float, hand: Hand) -> HeldWeight:
     """
     if not MIN_WEIGHT <= mass <= MAX_WEIGHT:
         raise ConfigError(
-            f"a weight for a hand is {MIN_WEIGHT:g} to {MAX_WEIGHT:g} kg, got {mass:g}: a lighter one tells nothing, a "
+            f"a weight for a hand is {MIN_WEIGHT:g} to {MAX_WEIGHT:g} kg, got {mass:g}: a lighter one shows nothing, a "
             "heavier one strains the arm"
         )
     return HeldWeight(mass=mass, link=HAND_LINKS[hand], xyz=GRIP)
 
 
-HAND_LINKS: dict[Hand, str] = {"left": "l_wrist", "right": "r_wrist"}
-
-MIN_WEIGHT, MAX_WEIGHT = 0.2, 0.6
-"""[kg] The hands of a Pepper are documented to carry 0.5 kg."""
-
-TESTED_SPEED = 2.6
-"""[rad/s] that arm joints may be told while their speed is measured: a little more than recorded robots reached."""
+def weighted_hand(weight: HeldWeight) -> Hand:
+    """Return the hand that carries a weight."""
+    return next(hand for hand, link in HAND_LINKS.items() if link == weight.link)
 
 
 def measured_joints(robot: RobotConfig) -> tuple[str, ...]:
@@ -98,25 +102,6 @@ def measure_robot(
         weight=None if weight is None else weight.mass,
         joints={joint: _joint(recordings, joint, robot, weight) for joint in joints},
     )
-
-
-def target_speeds(recordings: Mapping[str, Recording], robot: RobotConfig) -> dict[str, float]:
-    """Return by joint the speed [rad/s] that its board lets its target run, where SPEED shows that it limits it.
-
-    Args:
-        recordings: By name of the run; there may be none.
-        robot: Its description.
-    """
-    if SPEED not in recordings:
-        return {}
-    speeds = {
-        joint: measure_speed(recordings[SPEED], joint, robot) for joint in measured_joints(robot)
-    }
-    return {
-        joint: speed.reached
-        for joint, speed in speeds.items()
-        if speed is not None and speed.limited
-    }
 
 
 def _joint(

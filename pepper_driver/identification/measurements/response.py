@@ -80,7 +80,8 @@ def measure_response(
     Raises:
         ResponseError: There are too few steps, or no current answers them.
     """
-    responses, single = [], []
+    responses = []
+    single: dict[int, list[FloatArray]] = {}
     steps = 0
     for joint in joints:
         index = robot.joint_index(joint)
@@ -93,7 +94,8 @@ def measure_response(
             steps = max(steps, len(same))
             answers = np.array([_answer(recording.current[:, index], k) for k in same])
             responses.append(_in_noise(answers.mean(axis=0)))
-            single.append(np.array([_in_noise(answer) for answer in answers]))
+            for k, answer in zip(same, answers, strict=True):
+                single.setdefault(k, []).append(_in_noise(answer))
     if not responses:
         raise ResponseError(
             f"there are fewer than {MIN_STEPS} steps in one direction: nothing shows the delay of the robot"
@@ -104,11 +106,8 @@ def measure_response(
         raise ResponseError(
             "no current answers the steps: are the motors stiff, and do their currents arrive?"
         )
-    count = min(map(len, single))
-    onsets = [
-        _onset(np.mean([np.square(one[number]) for one in single], axis=0))
-        for number in range(count)
-    ]
+    # All joints step at the same time.
+    onsets = [_onset(np.mean(np.square(answers), axis=0)) for answers in single.values()]
     found = [onset for onset in onsets if onset is not None] or [lead]
     earliest, latest = np.percentile(found, [10, 90])
     return MeasuredResponse(

@@ -9,6 +9,7 @@ import numpy as np
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.observer import Recording
+from pepper_driver.observer.fitting.samples import stretches
 
 MIDDLE = (0.3, 0.7)
 """Part of the way of a move over which its speed is taken: it no longer accelerates, and does not yet swing."""
@@ -20,13 +21,13 @@ MIN_WAY = 0.3
 """[rad] of a move that counts."""
 
 FASTEST = 0.9
-"""Fraction of the largest speed told from which on a move counts as one of the fastest."""
+"""Fraction of the largest commanded speed from which on a move counts as one of the fastest."""
 
 STILL = 0.02
 """[rad/s] Slower, a command rests."""
 
 REACHED = 0.92
-"""Fraction of the speed told that a joint reaches which follows."""
+"""Fraction of the commanded speed below which a joint is held at a limit: one that follows reaches more."""
 
 MIN_LIMITED = 2
 """Moves in which a joint must run slower than that: a single one may be a sample that was lost."""
@@ -40,19 +41,19 @@ class ReachedSpeed:
     count: a command can rely on their speed.
 
     Attributes:
-        told: Of the command in the middle of a move [rad/s].
+        commanded: Of the command in the middle of a move [rad/s].
         reached: Of the motion there [rad/s].
         moves: Number of moves.
     """
 
-    told: float
+    commanded: float
     reached: float
     moves: int
 
     @property
     def limited(self) -> bool:
-        """True where the joint runs slower than it is told."""
-        return self.reached < REACHED * self.told
+        """True where the joint runs slower than its command."""
+        return self.reached < REACHED * self.commanded
 
 
 def measure_speed(recording: Recording, joint: str, robot: RobotConfig) -> ReachedSpeed | None:
@@ -65,7 +66,7 @@ def measure_speed(recording: Recording, joint: str, robot: RobotConfig) -> Reach
     """
     index = robot.joint_index(joint)
     command, position = recording.sent_position[:, index], recording.position[:, index]
-    told, reached = [], []
+    commanded, reached = [], []
     for begin, end in _moves(command, recording.cycle):
         start, goal = command[begin], command[end - 1]
         if abs(goal - start) < MIN_WAY:
@@ -77,16 +78,16 @@ def measure_speed(recording: Recording, joint: str, robot: RobotConfig) -> Reach
             for values, used in ((command, np.ones_like(fresh)), (position, fresh))
         ]
         if np.isfinite(speeds).all():
-            told.append(abs(goal - start) * speeds[0])
+            commanded.append(abs(goal - start) * speeds[0])
             reached.append(abs(goal - start) * speeds[1])
-    if not told:
+    if not commanded:
         return None
-    counted = np.array(told) >= FASTEST * max(told)
-    held = counted & (np.array(reached) < REACHED * np.array(told))
+    counted = np.array(commanded) >= FASTEST * max(commanded)
+    held = counted & (np.array(reached) < REACHED * np.array(commanded))
     if np.count_nonzero(held) >= MIN_LIMITED:
         counted = held
     return ReachedSpeed(
-        told=float(np.median(np.array(told)[counted])),
+        commanded=float(np.median(np.array(commanded)[counted])),
         reached=float(np.median(np.array(reached)[counted])),
         moves=int(np.count_nonzero(counted)),
     )
@@ -95,8 +96,7 @@ def measure_speed(recording: Recording, joint: str, robot: RobotConfig) -> Reach
 def _moves(command: FloatArray, cycle: float) -> list[tuple[int, int]]:
     """Return begin and end of each motion of a command."""
     moving = np.abs(np.diff(command)) > STILL * cycle
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], moving, [False])).astype(np.int8)))
-    return [(int(a), int(b) + 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return [(begin, end + 1) for begin, end in stretches(moving)]
 
 
 def _middle_speed(part: FloatArray, used: BoolArray, cycle: float) -> float:

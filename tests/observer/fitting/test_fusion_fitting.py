@@ -17,6 +17,7 @@ from pepper_driver.observer.fitting.bounds import (
 )
 from pepper_driver.observer.fitting.fusion import fit_fusion, fit_joint_fusion
 from pepper_driver.observer.fitting.stick_slip import START_UP_TIME
+from pepper_driver.observer.fitting.tree import FittingError
 from pepper_driver.observer.interface import JointState
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.model_file import predict_recording
@@ -131,6 +132,14 @@ def test_thresholds_keep_their_margin_on_the_calibration(bounded: FusionModel) -
         bound = bounded.bound.predict(np.column_stack((speed, size, held)))
         sizes = np.array(residuals(fusion_model(), run))
         assert (bound[-len(sizes) :] >= BOUND_FACTOR * sizes - 1e-12).all()
+
+
+def test_a_joint_that_falls_behind_in_all_of_the_calibration_is_refused() -> None:
+    motion = swing(6.0, 0.2, 0.8)
+    quiet = recording_of(motion, drive(motion))
+    behind = replace(quiet, position=quiet.position - 0.5)
+    with pytest.raises(FittingError, match=f"{JOINT}: none of its samples in the free motion"):
+        fit_bounds({JOINT: fusion_model()}, [behind], CYCLE, window=WINDOW)
 
 
 def test_a_quiet_joint_gets_the_least_threshold() -> None:

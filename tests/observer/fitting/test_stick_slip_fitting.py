@@ -17,6 +17,7 @@ from pepper_driver.observer.fitting.stick_slip import (
     bounded_constants,
     fit_stick_slip,
 )
+from pepper_driver.observer.fitting.tree import FittingError
 from pepper_driver.observer.models.stick_slip import (
     MIN_TRANSPORT,
     PARAMETERS,
@@ -24,7 +25,7 @@ from pepper_driver.observer.models.stick_slip import (
 )
 from pepper_driver.observer.recording import Recording
 from support.fusion import ELBOW, STICK_SLIP, TORQUE_CONSTANT, drive, recording_of, swing
-from support.observer import CYCLE
+from support.observer import CYCLE, recording
 
 JOINT = "LElbowRoll"
 TRUE = replace(
@@ -80,6 +81,12 @@ def test_a_target_that_was_limited_for_a_while_is_no_lag_of_the_joint(
     there = fit_stick_slip(JOINT, chasing, CYCLE)
     assert total_lag(there) == pytest.approx(total_lag(found), abs=0.002)
     assert there.friction == pytest.approx(found.friction, rel=0.15)
+
+
+def test_a_joint_that_falls_behind_in_all_of_its_runs_is_refused() -> None:
+    behind = recording(np.zeros((400, 3)), np.full(400, 0.5))
+    with pytest.raises(FittingError, match=f"{JOINT}: none of its samples counts"):
+        fit_stick_slip(JOINT, [behind], CYCLE)
 
 
 def test_what_comes_a_tick_late_is_found_as_late(found: StickSlipParameters) -> None:

@@ -12,7 +12,11 @@ import pytest
 from pepper_driver.backends.fields import RECORDED_FIELDS
 from pepper_driver.calibration import recorded_robot
 from pepper_driver.calibration.drive import changed_drive, drive_values
-from pepper_driver.calibration.recorded_robot import with_facts
+from pepper_driver.calibration.recorded_robot import (
+    MAX_TICKS,
+    RobotCalibrationError,
+    with_facts,
+)
 from pepper_driver.calibration.replayed import RecordedRun, replay
 from pepper_driver.cli.app import run
 from pepper_driver.config import PlantConfig, load_plant, load_robot
@@ -176,10 +180,44 @@ def test_a_known_weight_tells_masses_from_motors() -> None:
     assert plant.actuator("LElbowRoll").efficiency == pytest.approx(0.8)
     assert plant.body.masses["LForeArm"] == pytest.approx(1.5)
     assert "RForeArm" not in plant.body.masses
+    assert "efficiency" in plant.actuator("LElbowRoll").origin["calibrated"]
+    assert "efficiency" in plant.actuator("RElbowRoll").origin["assumed"]
     # Without the weight, all of it is the motor's.
     plant = fitted(replace(joint, torque_scale=None))
     assert plant.actuator("LElbowRoll").efficiency == pytest.approx(0.8 / 1.5, rel=1e-3)
     assert not plant.body.masses
+
+
+def test_facts_that_no_plant_has_are_limited_or_refused() -> None:
+    run = still(0.5)
+    late = np.zeros(len(run))
+    late[3] = 0.4
+    runs = [
+        RecordedRun(name="x", held_out=False, recording=replace(run, age=late), pairing=0),
+    ]
+    assert with_facts(NOMINAL, FACTS, runs, ROBOT).transport.longest_late == MAX_TICKS
+    assert with_facts(NOMINAL, replace(FACTS, delay_error=16), runs, ROBOT).response_delay == 21
+    with pytest.raises(RobotCalibrationError, match="answers 22 ticks after a command"):
+        with_facts(NOMINAL, replace(FACTS, delay_error=17), runs, ROBOT)
+
+
+def test_a_limit_of_targets_that_the_robot_does_not_have_is_taken_away() -> None:
+    runs = [RecordedRun(name="x", held_out=False, recording=still(0.5), pairing=0)]
+    limited = replace(NOMINAL, targets=replace(NOMINAL.targets, speed_limit=2.0))
+    for speed, expected in ((1.9, 2.0), (2.5, None)):
+        joint = MeasuredJoint(encoder_noise=0.0, current_noise=0.0, speed=speed)
+        facts = replace(FACTS, joints={"LElbowRoll": joint})
+        assert with_facts(limited, facts, runs, ROBOT).targets.speed_limit == expected
+
+
+def test_rows_of_a_joint_that_hardly_moves_do_not_count() -> None:
+    sent = np.zeros((60, len(ROBOT.joint_names)))
+    sent[30:, ELBOW] = 0.1
+    sent[30:, SHOULDER] = 0.01
+    run = replace(still(60 * ROBOT.cycle), sent_position=sent, position=sent)
+    counts = RecordedRun(name="x", held_out=False, recording=run, pairing=0).counts
+    assert counts[:, ELBOW].all()
+    assert np.count_nonzero(counts) == 60
 
 
 def test_a_lead_is_changed_and_otherwise_kept() -> None:
@@ -189,6 +227,7 @@ def test_a_lead_is_changed_and_otherwise_kept() -> None:
     assert later.kd / later.kp == pytest.approx(0.01, rel=1e-3)
     kept = changed_drive(ROBOT, drive, "LElbowRoll", replace(values, lead=None), "calibrated")
     assert kept.kd / kept.kp == pytest.approx(drive.kd / drive.kp, rel=1e-3)
+    assert ("kd" in later.origin["calibrated"], "kd" in kept.origin["assumed"]) == (True, True)
 
 
 def test_wrong_recordings_are_one_line(

@@ -100,20 +100,41 @@ NAME = st.text(st.characters(categories=["L", "Nd"], max_codepoint=0x24F), min_s
 def test_user_and_host_are_taken_out_wherever_they_are(
     user: str, host: str, before: str, after: str
 ) -> None:
-    scrubber = Scrubber(f"naoqis://{user}@{host}", MockBackend(ROBOT).info)
+    scrubber = Scrubber((f"naoqis://{user}@{host}",), MockBackend(ROBOT).info)
     for name in (user, host):
         text = scrubber.text(f"{before} {name}: {after}")
         assert f" {name}:" not in text
 
 
 def test_numbers_and_versions_stay() -> None:
-    scrubber = Scrubber("naoqi://robot-1", MockBackend(ROBOT).info)
-    text = "steps of 12.00 ms at 03:04:05, version 4.0.0, LShoulderPitch 1.2 deg"
+    scrubber = Scrubber(("naoqi://robot-1",), MockBackend(ROBOT).info)
+    text = (
+        "steps of 12.00 ms at 03:04:05, version 4.0.0, LShoulderPitch 1.2 deg/s (docs/realtime.md)"
+    )
     assert scrubber.text(text) == text
     assert scrubber.tree({"a": [1, 2.5, None, True], "b": ("x",)}) == {
         "a": [1, 2.5, None, True],
         "b": ["x"],
     }
+
+
+@pytest.mark.parametrize(
+    ("text", "scrubbed"),
+    [
+        ("fe80::1 refuses", "<address> refuses"),
+        ("connect to fd00:1::7: refused", "connect to <address>: refused"),
+        ("[fe80::1ff:fe23:4567:890a]:9559", "[<address>]:9559"),
+        ("/mnt/annas-disk/pepper/models.json: damaged", "<folder>/models.json: damaged"),
+        (
+            "naoqi://<robot>/?settings=%2Fmnt%2Fanna%2Fx.yaml",
+            "naoqi://<robot>/?settings=<folder>/x.yaml",
+        ),
+        ("naoqi://pepper-7:9559 is old-pepper", "naoqi://<robot>:9559 is <robot>"),
+    ],
+)
+def test_addresses_and_folders_are_taken_out(text: str, scrubbed: str) -> None:
+    scrubber = Scrubber(("naoqi://pepper-7",), MockBackend(ROBOT).info)
+    assert scrubber.also_of("naoqi://old-pepper?delay=5").text(text) == scrubbed
 
 
 def test_a_robot_that_does_not_answer_has_a_report_too(

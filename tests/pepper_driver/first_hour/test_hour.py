@@ -18,13 +18,7 @@ from pepper_driver.config.file_lock import InUseError, lock_folder
 from pepper_driver.config.first_hour import load_first_hour
 from pepper_driver.first_hour.hour import run_hour
 from pepper_driver.first_hour.operator import OperatorLeftError, TerminalOperator
-from pepper_driver.first_hour.plan import (
-    MAX_HANDS_TIME,
-    MAX_ROBOT_TIME,
-    HourPlan,
-    PlannedStep,
-    plan_hour,
-)
+from pepper_driver.first_hour.plan import HourPlan, PlannedStep, plan_hour
 from pepper_driver.first_hour.state import (
     STATE,
     STEPS,
@@ -35,7 +29,7 @@ from pepper_driver.first_hour.state import (
     load_state,
     save_state,
 )
-from pepper_driver.first_hour.steps import check_fit, set_aside
+from pepper_driver.first_hour.steps import check_readiness, set_aside
 from pepper_driver.identification.measurements.program import held_weight
 from pepper_driver.testing.faults import drained, heated
 from support.doctor import Patient
@@ -166,8 +160,8 @@ def test_another_robot_and_a_second_command_are_refused(plan: HourPlan, tmp_path
 
 
 def test_the_hour_is_an_hour_and_the_page_says_so(plan: HourPlan) -> None:
-    assert plan.robot < MAX_ROBOT_TIME
-    assert plan.hands < MAX_HANDS_TIME
+    assert plan.robot < 60 * 60.0
+    assert plan.hands < 15 * 60.0
     rows = re.findall(
         r"^\| \d \| `(\w+)` \| .* \| (\d+) min \| (\d+) min \|$", PAGE.read_text(), re.MULTILINE
     )
@@ -208,18 +202,18 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> Callable[[Patient], None]:
 
 def test_a_robot_is_looked_at_before_each_step(patient: Callable[[Patient], None]) -> None:
     patient(Patient())
-    check_fit("mock", ROBOT, INFO.identity)
+    check_readiness("mock", ROBOT, INFO.identity)
     with pytest.raises(FirstHourError, match="another robot"):
-        check_fit("mock", ROBOT, "another")
+        check_readiness("mock", ROBOT, "another")
     patient(Patient(drained(0.19)))
     with pytest.raises(FirstHourError, match=r"battery: 19%.*charge it"):
-        check_fit("mock", ROBOT, INFO.identity)
+        check_readiness("mock", ROBOT, INFO.identity)
     patient(Patient(drained(0.21)))
-    check_fit("mock", ROBOT, INFO.identity)
+    check_readiness("mock", ROBOT, INFO.identity)
     hot = Patient(heated("LElbowRoll", 70.0))
     patient(hot)
     with pytest.raises(FirstHourError, match=r"LElbowRoll is warmest with 70 deg C.*cool"):
-        check_fit("mock", ROBOT, INFO.identity)
+        check_readiness("mock", ROBOT, INFO.identity)
     assert not hot.moved
 
 

@@ -103,6 +103,13 @@ def test_parts_of_two_robots_are_refused(hour: Path, change: Callable[[Path], No
         pass
 
 
+@pytest.mark.parametrize("change", [{"cycle": 0.01}, {"robot": "nao"}, {"joint_names": ("A",)}])
+def test_an_hour_of_another_kind_of_robot_is_refused(hour: Path, change: dict[str, Any]) -> None:
+    save_state(hour / STATE, replace(finished_hour(), **change))
+    with pytest.raises(BundleError, match="other joints or another clock"), open_bundle(hour):
+        pass
+
+
 def test_logs_of_another_robot_are_refused(hour: Path) -> None:
     log = (hour / "rest.mcap").read_bytes()
     identity = finished_hour().identity

@@ -22,7 +22,8 @@ from pepper_driver.first_hour.plan import HourPlan, plan_hour
 from pepper_driver.first_hour.state import STATE, load_state, save_state
 from pepper_driver.first_hour.steps import set_aside
 from pepper_driver.identification import fit_folder, load_recordings
-from pepper_driver.log import read_log
+from pepper_driver.log import LogWriter, read_log
+from pepper_driver.log.topics import LogEvent
 from pepper_driver.observer.models.model_file import ModelSet
 from support.first_hour import INFO, ROBOT, finished_hour, make_hour
 
@@ -98,28 +99,45 @@ def test_with_models_the_robot_stands_moves_asks_and_all_is_packed(
     assert (folder / ARCHIVE).read_bytes() == before
 
 
+@pytest.mark.parametrize("identity", [SERIAL, f"{SERIAL}/angles"])
 def test_nothing_in_the_archive_says_whose_robot_it_is(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    identity: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("platform.node", lambda: "annas-laptop.lab.example")
     monkeypatch.setattr("getpass.getuser", lambda: "anna.smith")
     folder = tmp_path / "hour"
     make_hour(folder)
-    owned = replace(INFO, identity=SERIAL, name="pepper-7.lab.example")
+    owned = replace(INFO, identity=identity, name="pepper-7.lab.example")
     rename(folder, owned)
+    with open_bundle(folder) as bundle:
+        assert SERIAL in texts_of(bundle.free)
+        assert "pepper-9" in texts_of(bundle.free)
     pack_bundle(folder, tmp_path / "sent.zip", URI, owned)
-    with open_bundle(tmp_path / "sent.zip", parts=["models", "identification"]) as bundle:
+    with open_bundle(tmp_path / "sent.zip") as bundle:
         assert bundle.state.identity == ModelSet.load(bundle.models).identity
-        assert SERIAL not in bundle.state.identity
+        assert read_log(bundle.free).events[-1].text == "<robot> refuses <user>"
+        texts = {log.name: texts_of(log) for log in (bundle.rest, bundle.free, bundle.touches)}
     with zipfile.ZipFile(tmp_path / "sent.zip") as archive:
-        for name in archive.namelist():
-            text = archive.read(name).decode("latin-1").lower()
-            for secret in (SERIAL, "pepper-7", "lab.example", "anna", f"{Path.home()}/"):
-                assert secret.lower() not in text, (name, secret)
+        texts |= {name: archive.read(name).decode("latin-1") for name in archive.namelist()}
+    for name, text in texts.items():
+        for secret in (SERIAL, "pepper-7", "pepper-9", "lab.example", "anna", f"{Path.home()}/"):
+            assert secret.lower() not in text.lower(), (name, secret)
+
+
+def texts_of(path: Path) -> str:
+    """Return all texts of a log: its chunks are compressed."""
+    log = read_log(path)
+    return repr((log.metadata, log.events))
 
 
 def rename(folder: Path, info: BackendInfo) -> None:
-    """Have state, models and manifest be of another robot, and name its address where a real one would."""
+    """Have all parts be of another robot, and name its addresses where those of a real one would."""
+    for part in ("rest", "free", "touches"):
+        # It had another address then.
+        about = {"identity": info.identity, "cycle": str(info.cycle)}
+        about["backend"] = "naoqis://anna@pepper-9.lab.example"
+        with LogWriter(folder / f"{part}.mcap", ROBOT, about) as log:
+            log.note(LogEvent(time=1.0, kind="fault", text="pepper-9.lab.example refuses anna"))
     save_state(folder / STATE, replace(finished_hour(), identity=info.identity))
     models = ModelSet.load(folder / "models.json")
     replace(models, identity=info.identity, created_by=f"pepper identify --backend {URI}").save(

@@ -16,6 +16,7 @@ from pepper_driver.identification import (
     record_joints,
 )
 from pepper_driver.identification import identify as identify_module
+from pepper_driver.identification.dataset import open_folder
 from pepper_driver.identification.runs import IdentificationRun, perform
 from pepper_driver.observer import Recording, RecordingError
 from support.identification import ROBOT, SHORT, SlowRobot, short_body, use_backends
@@ -153,6 +154,13 @@ def test_a_real_robot_is_known_by_its_body_not_by_its_address(
     monkeypatch.setattr(SlowRobot, "identity", "body 2")
     with pytest.raises(RecordingFolderError, match="of the robot body 1, not body 2"):
         record_joints("fake://pepper.local", ["HeadYaw"], SHORT, tmp_path, workers=1)
+
+
+def test_runs_are_not_paired_by_two_delays(whole: Path) -> None:
+    manifest = read_manifest(whole)
+    later = replace(manifest, response_delay=manifest.response_delay + 3)
+    with pytest.raises(RecordingFolderError, match="with a delay in ticks of 3, not 6"):
+        open_folder(whole, later)
 
 
 def test_a_folder_of_unknown_recordings_is_refused(whole: Path, tmp_path: Path) -> None:

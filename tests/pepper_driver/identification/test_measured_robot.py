@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from pepper_driver.backends.selection import with_delay
+from pepper_driver.cli.identify import by_hand_only
 from pepper_driver.config import ConfigError, load_plant
 from pepper_driver.identification import (
     RecordingFolderError,
@@ -13,6 +14,7 @@ from pepper_driver.identification import (
     read_manifest,
     record_joints,
 )
+from pepper_driver.identification import identify as identify_module
 from pepper_driver.identification.dataset import recording_path
 from pepper_driver.identification.measurements.program import (
     MAX_WEIGHT,
@@ -23,7 +25,7 @@ from pepper_driver.identification.measurements.program import (
     measured_joints,
 )
 from pepper_driver.identification.measurements.response import ResponseError
-from pepper_driver.identification.runs import plan_measurements
+from pepper_driver.identification.runs import IdentificationRun, plan_measurements
 from pepper_driver.observer import ModelFileError, ModelSet, Recording
 from support.identification import ROBOT, SHORT
 from support.once import made_once
@@ -83,6 +85,22 @@ def test_the_facts_are_those_of_the_plant_and_stay_with_the_models(
     assert ModelSet.load(tmp_path / "models.json") == models
 
 
+def test_a_weight_that_was_not_held_is_a_warning(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(identify_module, "falling_weight", lambda *_: "it fell")
+    first, *_ = fit_folder(folder, "affine", compare=False, workers=1).findings
+    assert (first.kind, first.joint, first.run) == ("weight", None, "measure_weight-1")
+    assert first.text == "it fell"
+
+
+def test_the_command_that_made_models_measures_the_same(folder: Path) -> None:
+    command = fit_folder(folder, "affine", compare=False, workers=1).models.created_by
+    assert "--calibration none" in command
+    assert "--weight 0.5 --hand right" in command
+    assert "--no-measure" not in command
+
+
 def test_a_wrong_fact_in_a_file_is_refused(folder: Path, tmp_path: Path) -> None:
     models = fit_folder(folder, "affine", compare=False, workers=1).models
     assert models.measured is not None
@@ -110,6 +128,16 @@ def test_only_the_fast_arms_are_asked_for() -> None:
     weighed = plan_measurements(ROBOT, weight=WEIGHT)
     assert weighed[:3] == runs
     assert "0.5 kg in the right hand: hang it there now" in weighed[3].watched
+    # With --yes too: no person, no weight.
+    asked: list[IdentificationRun] = []
+    for run in weighed:
+        by_hand_only(asked.append)(run)
+    assert asked == [weighed[3]]
+    slow, fast = runs[1].after_weight(), runs[2].after_weight()
+    assert slow.watched == "take the weight out of the hand now"
+    assert fast.watched == f"{slow.watched}; {runs[2].watched}"
+    assert slow.by_hand
+    assert fast.by_hand
     assert [bool(run.watched) for run in runs] == [False, False, True]
     assert not any(run.moves_legs for run in runs)
     speeds = dict(

@@ -49,7 +49,7 @@ def test_a_joint_that_falls_behind_shows_its_speed(limit: float, told: float) ->
     command = moves(told)
     found = measure_speed(run_of(command, limited(command, limit)), JOINT, ROBOT)
     assert found is not None
-    assert found.told == pytest.approx(told, rel=0.05)
+    assert found.commanded == pytest.approx(told, rel=0.05)
     assert found.limited == (told > limit)
     assert found.reached == pytest.approx(min(told, limit), rel=0.06)
     assert found.moves == 8

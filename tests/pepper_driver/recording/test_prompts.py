@@ -31,8 +31,11 @@ PROMPTS = TouchPrompts(
 )
 
 
-def labelled(*touches: tuple[float, float]) -> list[tuple[str, str | None]]:
-    """Phases and links of the labels where the head is touched from one time to another."""
+def labelled(*touches: tuple[float, float], skipped: int = 0) -> list[tuple[str, str | None]]:
+    """Phases and links of the labels where the head is touched from one time to another.
+
+    Times are those of the player, which counts ticks; after each of them ``skipped`` are missed.
+    """
     labeller = PromptedLabeller("head", PROMPTS, ROBOT, SpaceBar())
     still = MockBackend(ROBOT).open()
     found: list[tuple[str, str | None]] = []
@@ -41,7 +44,8 @@ def labelled(*touches: tuple[float, float]) -> list[tuple[str, str | None]]:
         touch = np.zeros(len(ROBOT.sensors.touch))
         touch[HEAD] = float(any(begin <= time < end for begin, end in touches))
         # The clock of a robot does not begin at 0.
-        labels = labeller.step(replace(still, time=100.0 + time, touch=touch))
+        measurement = replace(still, time=100.0 + (1 + skipped) * time, touch=touch)
+        labels = labeller.step(measurement)
         found += [(label.phase, label.link) for label in labels]
     return found
 
@@ -55,6 +59,11 @@ def test_each_touch_has_the_place_that_was_asked_for() -> None:
         ("onset", "torso"),
         ("release", "torso"),
     ]
+
+
+def test_places_stay_with_the_words_where_ticks_are_missed() -> None:
+    touches = (1.5, 2.0), (3.2, 4.0), (5.5, 6.0)
+    assert labelled(*touches, skipped=1) == labelled(*touches)
 
 
 def test_a_touch_that_lasts_keeps_its_place_and_two_in_a_row_have_one() -> None:
