@@ -131,7 +131,8 @@ class ObserverSettings:
         threshold: Of mode ``paper``, for all joints [rad]; None for each joint's own, which identification found in
             free motion.
         fusion_window: Samples of the filter of mode ``fusion``.
-        adapt: True if mode ``fusion`` adapts to changes of the joints, loads in the hands, and residual drift.
+        false_contacts: That are allowed in an hour (mode ``fusion``); fewer raise its thresholds.
+        adapt: True if mode ``fusion`` follows bias and spread of the robot of today.
         collision_factor: A residual beyond so many thresholds is a collision (mode ``fusion``).
         merge_gap: A residual that returns with the same sign within this time continues the contact.
         rebound_window: After a contact, a residual of the other sign is the joint swinging back.
@@ -142,6 +143,7 @@ class ObserverSettings:
     median_window: Annotated[int, Field(ge=1, le=101)]
     threshold: Positive | None
     fusion_window: Annotated[int, Field(ge=1, le=101)]
+    false_contacts: Positive
     adapt: bool
     collision_factor: Annotated[float, Field(gt=1)]
     merge_gap: NonNegative

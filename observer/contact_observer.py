@@ -6,14 +6,14 @@ import json
 import logging
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pepper_driver.config import ObserverSettings, RobotConfig
-from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray
 from pepper_driver.config.errors import ArgumentError
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.detection.body_isolation import BodyTracker
@@ -32,7 +32,6 @@ from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.model_file import ModelSet, predict_recording
 from pepper_driver.observer.models.tree import AffineTree, CartTree
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.residuals.adaptation import HandLoads
 from pepper_driver.observer.residuals.fusion import FusionGenerator
 from pepper_driver.observer.residuals.mobile_base import BaseGenerator
 from pepper_driver.observer.residuals.momentum import MomentumGenerator
@@ -41,8 +40,8 @@ from pepper_driver.observer.residuals.paper import PaperGenerator
 ONSET_LOOKBACK = 0.5
 """[s] before the median window; the onset of a touch that grows more slowly is reported too late."""
 
-MAX_THRESHOLD = np.radians(10.0)
-"""[rad] Identified threshold beyond which a joint never shows a touch: recorded wrists have 17 deg and more."""
+MAX_SPREAD = np.radians(3.0)
+"""[rad] Identified spread beyond which a joint never shows a touch: recorded wrists have 5 deg and more."""
 
 WEAR_PERIOD = 2500
 """Ticks between two checks for worn joints: half a minute."""
@@ -95,7 +94,7 @@ class ContactObserver(Observer):
     :class:`FusionGenerator`, :class:`MomentumGenerator`), a tracker derives events from them (:class:`ChainTrackers`,
     for fusion :class:`BodyTracker`). A joint that cannot be judged is BLIND: its values are NaN, and it takes part in
     no contact. Neither does one that is DOUBTFUL (mode ``fusion``): the motor does not work against its error at rest
-    (:mod:`~pepper_driver.observer.residuals.doubt`), or its identified threshold is beyond MAX_THRESHOLD.
+    (:mod:`~pepper_driver.observer.residuals.doubt`), or its identified threshold is beyond MAX_SPREAD.
 
     Args:
         robot: Description of the robot.
@@ -136,7 +135,7 @@ class ContactObserver(Observer):
             LOG.warning(
                 "%s detects nothing: its identified threshold is beyond %.0f deg, which no touch reaches",
                 name,
-                np.degrees(MAX_THRESHOLD),
+                np.degrees(MAX_SPREAD),
             )
         self._known = ~no_model
         self._known_count = np.count_nonzero(self._known)
@@ -254,8 +253,6 @@ class ContactObserver(Observer):
         no_model, doubtful = self._generator.no_model, residuals.doubtful
         if doubtful is not None and np.count_nonzero(doubtful):
             self._report_doubt(doubtful)
-            # To the tracker they are blind.
-            residuals = replace(residuals, residual=np.where(doubtful, np.nan, residuals.residual))
         # NaN compares as False: a blind joint counts as not within its threshold.
         within = np.count_nonzero(np.abs(residuals.residual) <= residuals.threshold)
         quiet = within == self._known_count and not abs(residuals.base_residual) > 1.0
@@ -296,8 +293,16 @@ def numb_joints(models: ModelSet) -> tuple[str, ...]:
     return tuple(
         name
         for name, model in models.models.items()
-        if isinstance(model, FusionModel) and model.max_bound > MAX_THRESHOLD
+        if isinstance(model, FusionModel) and max(model.spread) > MAX_SPREAD
     )
+
+
+def limb_numbers(robot: RobotConfig) -> IntArray:
+    """Return (n,) the number of the limb of each joint."""
+    numbers = np.empty(len(robot.joint_names), dtype=np.int64)
+    for number, joints in enumerate(robot.limbs.values()):
+        numbers[[robot.joint_index(joint) for joint in joints]] = number
+    return numbers
 
 
 def _make_generator(
@@ -320,13 +325,14 @@ def _make_generator(
         adapt = settings.adapt
         base = None
         if models.base is not None:
-            base = BaseGenerator(models.base, robot, window, adapt=adapt)
+            base = BaseGenerator(models.base, robot, window)
         generator: ResidualGenerator = FusionGenerator(
             fusion,
             robot.cycle,
             window=window,
             adapt=adapt,
-            hands=HandLoads(robot, fusion) if adapt and parts.hands else None,
+            false_contacts=settings.false_contacts,
+            limbs=limb_numbers(robot),
             base=base,
             motor_torque=np.array(
                 [

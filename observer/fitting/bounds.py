@@ -7,24 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from pepper_driver.config.arrays import FloatArray
-from pepper_driver.observer.detection.threshold import SPEED_MEMORY
+from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.observer.detection.threshold import MIN_SPREAD, SPREAD_QUANTILE
 from pepper_driver.observer.fitting.samples import (
-    FALLING_TIME,
-    extended,
     fit_samples,
     in_working_range,
 )
 from pepper_driver.observer.fitting.stick_slip import START_UP_TIME
-from pepper_driver.observer.fitting.tree import FittingError, fit_cart
+from pepper_driver.observer.fitting.tree import FittingError
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.model_file import JointModel, predict_recording
-from pepper_driver.observer.models.tree import LEAF, CartTree
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.residuals.adaptation import HandLoads
 from pepper_driver.observer.residuals.fusion import FusionGenerator
 from pepper_driver.observer.residuals.momentum import MomentumGenerator
-from pepper_driver.observer.running_filters import RunningMaximum
 
 THRESHOLD_FACTOR = 1.25
 """Factor over the largest residual of the recordings: the next motion may have a slightly larger one."""
@@ -64,44 +59,33 @@ def free_threshold(
     return THRESHOLD_FACTOR * float(max(largest))
 
 
-BOUND_FACTOR = 1.5
-"""Factor over the largest residual of the calibration."""
-
-MIN_BOUND = np.radians(0.6)
-"""[rad] Smallest threshold: seven steps of the encoder."""
-
-MIN_LEAF_RATIO = 0.75
-"""Fraction of the highest leaf that is the least of every leaf: the largest of few samples is no bound."""
-
-LEARNING_TIME = 12.0
-"""[s] After which the envelope of a robot is known; until then thresholds are higher in use."""
+MOMENTUM_FACTOR = 1.5
+"""Factor over the largest residual of the calibration, of the baseline ``momentum``."""
 
 MOMENTUM_WINDOW = 11
 """Samples of the median of the baseline ``momentum``, as in the paper."""
 
-BOUND_LEAVES = 5
-"""Largest number of leaves: each must contain many motions."""
+MIN_SAMPLES = 500
+"""Of a phase of the motion, six seconds; with fewer it gets the spread of the other one."""
 
 
-def fit_bounds(
+def fit_spreads(
     models: Mapping[str, FusionModel],
     calibration: Sequence[Recording],
     cycle: float,
     *,
     window: int,
-    hands: HandLoads | None = None,
 ) -> dict[str, FusionModel]:
-    """Add thresholds to models: BOUND_FACTOR times the largest residual of calibration runs, by phase of the motion.
+    """Add to models the spread of their residuals in calibration runs, at rest and in motion.
 
-    The residual is computed as in use: with adaptation, filter, and all joints moving at once. The runs must be free
-    motion that no model was fitted to.
+    The residual is computed as in use: with filter, and all joints moving at once. The runs must be free motion that no
+    model was fitted to.
 
     Args:
         models: By joint.
         calibration: Recordings of free whole-body motion.
         cycle: Period of the ticks [s].
         window: Samples of the median.
-        hands: Estimate of the loads of the hands, as in use.
 
     Raises:
         FittingError: A joint has no sample that counts.
@@ -110,74 +94,48 @@ def fit_bounds(
     ordered = [models.get(name) for name in names]
     residuals, phases = [], []
     for recording in calibration:
-        generator = FusionGenerator(ordered, cycle, window=window, adapt=True, hands=hands)
+        generator = FusionGenerator(ordered, cycle, window=window, false_contacts=1.0, adapt=False)
         free, settled = np.ones(len(names), dtype=bool), np.zeros(len(names), dtype=bool)
-        rows, doubts = [], []
+        rows, moving = [], []
         for tick in recording.ticks():
             made = generator.step(tick)
             rows.append(made.residual)
-            doubts.append(made.doubtful)
+            moving.append(generator.moving)
             generator.learn(made, free, settled, True)
-        residual, doubtful = np.abs(np.array(rows)), np.array(doubts)
-        # In use, thresholds are higher until then: the start must not determine the bound.
-        residual[: min(round(LEARNING_TIME / cycle), len(residual) // 2)] = np.nan
+        residual = np.abs(np.array(rows))
+        residual[: round(START_UP_TIME / cycle)] = np.nan
         for joint in range(len(names)):
             residual[~in_working_range(recording, joint), joint] = np.nan
-            residual[extended(doubtful[:, joint], cycle, FALLING_TIME, 0.0), joint] = np.nan
         residuals.append(residual)
-        phases.append(motion_phase(recording, cycle))
+        phases.append(np.array(moving))
     momentum_maxima = _momentum_maxima(ordered, calibration, cycle)
-    residual, phase = np.concatenate(residuals), np.concatenate(phases)
+    residual, moves = np.concatenate(residuals), np.concatenate(phases)
     result = dict(models)
     for index, name in enumerate(names):
         if name in models:
-            seen = np.isfinite(residual[:, index])
-            if not seen.any():
-                raise FittingError(
-                    f"{name}: none of its samples in the free motion for thresholds counts: in all of them it falls "
-                    "behind, or is in doubt"
-                )
-            sizes, phases_seen = residual[seen, index], phase[seen, index]
             result[name] = replace(
                 models[name],
-                bound=_bound(phases_seen, sizes),
+                spread=_spread(name, residual[:, index], moves[:, index]),
                 # A joint without samples has a largest residual of 0 and keeps its bound.
-                momentum_bound=float(BOUND_FACTOR * momentum_maxima[index])
+                momentum_bound=float(MOMENTUM_FACTOR * momentum_maxima[index])
                 or models[name].momentum_bound,
             )
     return result
 
 
-def motion_phase(recording: Recording, cycle: float) -> FloatArray:
-    """Return what thresholds depend on, (n, N, 3), as :class:`FusionModel` has it.
-
-    It is the desired speed [rad/s], the size of the desired acceleration [rad/s2], and the largest desired speed of the
-    last half-second [rad/s].
-    """
-    speed = np.abs(recording.velocity)
-    largest = RunningMaximum(SPEED_MEMORY, cycle, speed.shape[1])
-    fastest = np.array([largest.push(row) for row in speed])
-    return np.stack((speed, np.abs(recording.acceleration), fastest), axis=2)
-
-
-def _bound(phase: FloatArray, residual: FloatArray) -> CartTree:
-    samples = max(len(residual) // BOUND_LEAVES, 1)
-    tree = fit_cart(phase, residual, min_samples_leaf=samples)
-    leaf = tree.leaf_of(phase)
-    highest = residual.max()
-    value = [
-        max(MIN_BOUND, BOUND_FACTOR * max(residual[leaf == node].max(), MIN_LEAF_RATIO * highest))
-        if feature == LEAF
-        else 0.0
-        for node, feature in enumerate(tree.feature)
-    ]
-    return CartTree(
-        feature=tree.feature,
-        threshold=tree.threshold,
-        left=tree.left,
-        right=tree.right,
-        value=tuple(map(float, value)),
-    )
+def _spread(joint: str, residual: FloatArray, moves: BoolArray) -> tuple[float, float]:
+    seen = np.isfinite(residual)
+    found = []
+    for phase in (seen & ~moves, seen & moves):
+        sizes = residual[phase]
+        if len(sizes) >= MIN_SAMPLES:
+            found.append(float(np.quantile(sizes, SPREAD_QUANTILE)))
+    if not found:
+        raise FittingError(
+            f"{joint}: hardly any of its samples in the free motion for thresholds count: in the others it falls behind"
+        )
+    # A joint that never moves, or never rests, has one spread only.
+    return max(found[0], MIN_SPREAD), max(found[-1], MIN_SPREAD)
 
 
 def _momentum_maxima(

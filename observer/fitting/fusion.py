@@ -11,7 +11,7 @@ import numpy as np
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.observer.fitting.bounds import fit_bounds
+from pepper_driver.observer.fitting.bounds import fit_spreads
 from pepper_driver.observer.fitting.mobile_base import fit_base
 from pepper_driver.observer.fitting.samples import fit_samples
 from pepper_driver.observer.fitting.stick_slip import START_UP_TIME, fit_stick_slip
@@ -22,9 +22,7 @@ from pepper_driver.observer.models.stick_slip import (
     StickSlipModel,
     StickSlipParameters,
 )
-from pepper_driver.observer.models.tree import LEAF, CartTree
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.residuals.adaptation import HandLoads
 from pepper_driver.observer.residuals.momentum import ErrorDerivatives
 from pepper_driver.observer.residuals.prediction import MIN_MOVING_SPEED
 
@@ -81,6 +79,10 @@ def _simulate(
     )
 
 
+UNKNOWN_SPREAD = np.radians(1.0)
+"""[rad] Of a model until its spread is known."""
+
+
 def fit_fusion(
     robot: RobotConfig,
     sweeps: Mapping[str, Sequence[Recording]],
@@ -130,8 +132,7 @@ def fit_fusion(
     models |= {joint: models[source] for joint, source in shared.items()}
     drives = [recording for recording in calibration if np.any(recording.sent_wheel_speed)]
     base = fit_base(robot, drives, window=window) if drives else None
-    hands = HandLoads(robot, [models.get(name) for name in robot.joint_names])
-    return fit_bounds(models, calibration, robot.cycle, window=window, hands=hands), base
+    return fit_spreads(models, calibration, robot.cycle, window=window), base
 
 
 def _joined(parts: Sequence[_SimulatedRun]) -> _SimulatedRun:
@@ -163,7 +164,7 @@ def fit_joint_fusion(
     *,
     stick_slip: StickSlipParameters | None = None,
 ) -> FusionModel:
-    """Fit a model without its threshold, which requires all joints at once; see :func:`fit_bounds`.
+    """Fit a model without its threshold, which requires all joints at once; see :func:`fit_spreads`.
 
     Args:
         joint: Name of the joint.
@@ -177,34 +178,16 @@ def fit_joint_fusion(
     data = _joined([_simulate(joint, recording, stick_slip, cycle) for recording in recordings])
     growth = AffineGrowth(data.features, data.model_error, max_leaves=REMAINDER_LEAVES)
     remainder = growth.cut(REMAINDER_LEAVES, REMAINDER_SHRINKAGE)
-    remaining = data.model_error - remainder.predict(data.features)
     candidates = [_fit_voltage(data), _fit_current(data)]
     errors = [_momentum_residual(data, parameters) for parameters in candidates]
     best = int(np.argmin([error.std() for error in errors]))
-    weight, spread = [], []
-    for phase in (~data.moves, data.moves):
-        pair = np.stack((remaining[phase], errors[best][phase]))
-        weight.append(_weight(pair))
-        fused = weight[-1] * pair[0] + (1.0 - weight[-1]) * pair[1]
-        spread.append(float(np.sqrt(np.mean(fused**2))))
     return FusionModel(
         twin=stick_slip,
         remainder=remainder,
         momentum=candidates[best],
-        weight=(weight[0], weight[1]),
-        spread=(spread[0], spread[1]),
-        bound=_constant(np.radians(2.5)),
+        spread=(UNKNOWN_SPREAD, UNKNOWN_SPREAD),
         momentum_bound=np.radians(2.5),
     )
-
-
-def _weight(pair: FloatArray) -> float:
-    """Return the weight of the first of two errors (2, n) that gives the least mean square, within 0 and 1."""
-    square = pair @ pair.T / pair.shape[1]
-    spread = square[0, 0] + square[1, 1] - 2.0 * square[0, 1]
-    if spread <= 0.0:
-        return 1.0  # equal errors: any weight is as good
-    return float(np.clip((square[1, 1] - square[0, 1]) / spread, 0.0, 1.0))
 
 
 def _fit_voltage(data: _SimulatedRun) -> MomentumParameters:
@@ -260,7 +243,3 @@ def _momentum_residual(data: _SimulatedRun, parameters: MomentumParameters) -> F
     return (
         np.copysign(parameters.torque_per_ampere * data.current, needed + data.model_error) - needed
     )
-
-
-def _constant(value: float) -> CartTree:
-    return CartTree(feature=(LEAF,), threshold=(0.0,), left=(LEAF,), right=(LEAF,), value=(value,))

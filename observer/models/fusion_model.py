@@ -11,7 +11,7 @@ from pydantic import ConfigDict, Field
 from pepper_driver.config import PepperError
 from pepper_driver.config.loading import STRICT
 from pepper_driver.observer.models.stick_slip import StickSlipParameters
-from pepper_driver.observer.models.tree import AffineTree, CartTree
+from pepper_driver.observer.models.tree import AffineTree
 
 Triple = tuple[float, float, float]
 
@@ -99,11 +99,7 @@ class FusionModel:
         remainder: Part of the tracking error that the stick-slip model does not explain, as a tree on the desired
             motion (Eq. 12).
         momentum: Its momentum channel.
-        weight: Weight of the stick-slip model against the momentum channel, 0..1, at rest and in motion: by inverse
-            covariance.
-        spread: Standard deviation of the fused residual in free motion, at rest and in motion [rad].
-        bound: Threshold of a contact with its margin, as a tree on desired speed [rad/s], size of the desired
-            acceleration [rad/s2], and largest desired speed of the last half-second [rad/s].
+        spread: Size of the residual that 99 of 100 samples of free motion do not exceed, at rest and in motion [rad].
         momentum_bound: Threshold of the baseline ``momentum``: the largest residual of the calibration [rad].
     """
 
@@ -112,26 +108,13 @@ class FusionModel:
     twin: StickSlipParameters
     remainder: AffineTree
     momentum: MomentumParameters
-    weight: Pair
     spread: Pair
-    bound: CartTree
     momentum_bound: float
 
     def __post_init__(self) -> None:
-        if not np.isfinite((*self.weight, *self.spread)).all():
+        if not np.isfinite(self.spread).all():
             raise FusionModelError("a value is not finite")
-        if not all(0.0 <= weight <= 1.0 for weight in self.weight):
-            raise FusionModelError(f"'weight' must lie within 0 and 1, got {self.weight}")
         if not all(spread > 0.0 for spread in self.spread):
             raise FusionModelError(f"'spread' must be above 0, got {self.spread}")
         if not self.momentum_bound > 0.0:
             raise FusionModelError("'momentum_bound' must be above 0")
-        # Only leaves count: inner nodes have a value of 0.
-        leaves = [v for v, f in zip(self.bound.value, self.bound.feature, strict=True) if f < 0]
-        if min(leaves) <= 0.0:
-            raise FusionModelError("'bound' must be above 0 everywhere")
-
-    @property
-    def max_bound(self) -> float:
-        """Highest threshold of a contact [rad]."""
-        return max(self.bound.value)

@@ -1,4 +1,4 @@
-"""Residuals of mode ``fusion``: stick-slip model, tree, momentum and base, and the torque of the contact."""
+"""Residuals of mode ``fusion``: stick-slip model and motor current must agree; torque of the contact."""
 
 from __future__ import annotations
 
@@ -11,29 +11,18 @@ import numpy as np
 from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray, contiguous
 from pepper_driver.config.kernels import Out, Records, kernel, make_records
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.detection.threshold import (
-    POST_CONTACT_TICKS,
-    REST_SPEED,
-    FusionThreshold,
-)
-from pepper_driver.observer.interface import MIN_OBSERVED_STIFFNESS, HandLoad, Residuals
+from pepper_driver.observer.detection.threshold import QUIET_RATIO, REST_SPEED, SpreadThreshold
+from pepper_driver.observer.interface import MIN_OBSERVED_STIFFNESS, Residuals
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.stick_slip import stick_slip_constants
-from pepper_driver.observer.residuals.adaptation import (
-    LEARN_PERIOD,
-    MIN_MOVING_TICKS,
-    Adaptation,
-    HandLoads,
-)
-from pepper_driver.observer.residuals.doubt import DoubtDetector
 from pepper_driver.observer.residuals.mobile_base import BaseGenerator
 from pepper_driver.observer.residuals.momentum import (
+    CurrentChannel,
     DerivativeFilter,
     ErrorDerivatives,
-    MomentumChannel,
+    current_channels,
+    current_residual,
     differentiate,
-    momentum_channels,
-    momentum_residual,
 )
 from pepper_driver.observer.residuals.prediction import (
     MAX_LATE_TICKS,
@@ -221,8 +210,11 @@ MAX_PLAUSIBLE = 1e4
 SETTLING_TICKS = 40
 """Ticks after a contact in which its joint must come to rest for its model to start again there."""
 
-UNCERTAINTY_PERIOD = 4
-"""Ticks between two computations of the uncertainty: a threshold that it raises stays up longer than this."""
+WORN_CHANGE = 2.9
+"""Growth of the spread of a residual at which a joint counts as worn."""
+
+BIAS_TIME = 15.0
+"""[s] Time constant with which the bias of a free joint follows its residual: loads differ from those identified."""
 
 
 @kernel
@@ -248,96 +240,132 @@ def _check_inputs(
 
 
 @kernel
-def _fuse(
+def _combine(
     joints: Out[Records[PredictedJoint]],
     filters: Out[Records[DerivativeFilter]],
-    channels: Records[MomentumChannel],
-    weight_at_rest: FloatArray,
-    weight_in_motion: FloatArray,
+    channels: Out[Records[CurrentChannel]],
     target: FloatArray,
     board_target: FloatArray,
     load_torque: FloatArray,
     velocity: FloatArray,
     acceleration: FloatArray,
     position: FloatArray,
-    speed: FloatArray,
     friction: FloatArray,
     remainder: FloatArray,
     measured: FloatArray,
     current: FloatArray,
+    bias: FloatArray,
     gain: float,
     cycle: float,
+    no_model: BoolArray,
     good: Out[BoolArray],
     change: Out[FloatArray],
-    residual: Out[FloatArray],
+    residuals: Out[FloatArray],
 ) -> int:
-    """Compute the fused residual and the derivative of the error; return how many joints are good.
+    """Compute (2 n,) residuals of both channels and the derivative of the error; return how many joints are good.
 
-    The arguments are those of :class:`Prediction`, ``momentum_residual`` and ``differentiate``. Where a joint with a
+    The arguments are those of :class:`Prediction`, ``current_residual`` and ``differentiate``. Where a joint with a
     model has no residual, it is no longer ``good``.
     """
-    count = 0
-    for j in range(len(residual)):
+    count, n = 0, len(good)
+    for j in range(n):
         joint = joints[j]
         error, board_error = target[j] - measured[j], board_target[j] - measured[j]
-        model_residual = position[j] - measured[j] - remainder[j]
         change[j], curvature = differentiate(filters, j, error, gain, cycle)
-        load = joint.load_gain * load_torque[j] * joint.load_factor
-        momentum, motor = momentum_residual(
+        by_current, motor = current_residual(
             channels,
             j,
             current[j] if good[j] else 0.0,
             board_error + joint.board_integral,
             velocity[j] - change[j],
             acceleration[j] - curvature,
-            friction[j] + load + joint.extra_load,
-            model_residual,
+            friction[j] + joint.load_gain * load_torque[j],
         )
         if good[j]:
             update_integral(joints, j, board_error, motor, cycle)
-        moves = abs(speed[j]) > MIN_MOVING_SPEED
-        weight = weight_in_motion[j] if moves else weight_at_rest[j]
-        residual[j] = weight * model_residual + (1.0 - weight) * momentum
-        # The weight of a joint without a model is NaN.
-        good[j] = good[j] and (math.isfinite(residual[j]) or math.isnan(weight))
+        by_model = position[j] - measured[j] - remainder[j] - bias[j]
+        residuals[j] = by_model
+        residuals[n + j] = by_current - bias[j] if channels[j].by_current else by_model
+        good[j] = good[j] and (math.isfinite(residuals[j] + residuals[n + j]) or no_model[j])
         count += good[j]
     return count
 
 
 @kernel
+def _agree(filtered: FloatArray, residual: Out[FloatArray]) -> None:
+    """Take the smaller of two residuals, 0 where their signs differ."""
+    n = len(residual)
+    for j in range(n):
+        model, current = filtered[j], filtered[n + j]
+        size = min(abs(model), abs(current)) if model * current > 0.0 else 0.0
+        residual[j] = math.copysign(size, model)
+
+
+@kernel
+def _join_limbs(
+    limbs: IntArray, count: int, residual: FloatArray, threshold: Out[FloatArray]
+) -> None:
+    """Lower the thresholds of joints of a limb together, so that the largest ratio becomes the norm of all of them."""
+    for limb in range(count):
+        largest, square = 0.0, 0.0
+        for j in range(len(limbs)):
+            if limbs[j] == limb:
+                ratio = abs(residual[j]) / threshold[j]
+                if math.isfinite(ratio):
+                    largest, square = max(largest, ratio), square + ratio * ratio
+        if square > 0.0:
+            share = largest / math.sqrt(square)
+            for j in range(len(limbs)):
+                if limbs[j] == limb:
+                    threshold[j] *= share
+
+
+@kernel
 def _judge(
     residual: FloatArray,
+    threshold: FloatArray,
     speed: FloatArray,
     free: BoolArray,
     blind: BoolArray,
     limited: BoolArray,
-    quiet_bound: FloatArray,
-    moving_ticks: Out[IntArray],
-    judged: Out[BoolArray],
-    quiet: Out[BoolArray],
+    pace: float,
+    bias: Out[FloatArray],
+    seen: Out[BoolArray],
     resting: Out[BoolArray],
 ) -> None:
-    """Mark the joints that can be judged, those that are quiet too, and those of them whose models are at rest."""
+    """Mark the free joints that can be judged, and those of them whose models are at rest; update their bias."""
     for j in range(len(residual)):
-        moves = abs(speed[j]) > MIN_MOVING_SPEED
-        judged[j] = not (blind[j] or limited[j])
-        seen = free[j] and judged[j]
-        quiet[j] = seen and abs(residual[j]) < quiet_bound[j]
-        resting[j] = quiet[j] and not moves
-        moving_ticks[j] = moving_ticks[j] + 1 if seen and moves else 0
+        seen[j] = free[j] and not (blind[j] or limited[j])
+        quiet = seen[j] and abs(residual[j]) < QUIET_RATIO * threshold[j]
+        resting[j] = quiet and abs(speed[j]) <= MIN_MOVING_SPEED
+        if quiet:
+            bias[j] += pace * residual[j]
 
 
 @dataclass(slots=True)
 class _Detail:
-    """Values of a tick, (n,) each: prediction, measured position [rad], joints altered by the safety gate."""
+    """Values of a tick, (n,) each.
+
+    Attributes:
+        prediction: Of the tick.
+        measured: Position [rad].
+        limited: Joints whose command the safety gate altered.
+        threshold: Of each joint alone [rad].
+    """
 
     prediction: Prediction
     measured: FloatArray
     limited: BoolArray
+    threshold: FloatArray
 
 
 class FusionGenerator:
-    """r = w r_model + (1 - w) r_momentum, filtered by a short running median.
+    """Residual on which two channels must agree, filtered by a short running median.
+
+    The stick-slip model shows a touch as an unexpected position, the motor current as a torque that a free motion does
+    not need (:func:`current_residual`). The residual is the smaller of the two, and 0 where they contradict each other:
+    a board that follows another target than the command shows in the first channel alone, a current of the wrong
+    sign in the second one. Where the current does not show the torque, the model alone counts.
 
     A joint is blind
 
@@ -348,83 +376,76 @@ class FusionGenerator:
 
     It stays blind until the median window has none of these samples. Its model then starts from the measured position.
 
-    While the safety gate alters the command of a joint, and shortly after, its threshold rises by LIMITED_FACTOR.
-
     Args:
         models: By joint, None for those without.
         cycle: Period of the ticks [s].
         window: Samples of the median.
-        adapt: True to adapt the constants of the joints.
-        hands: Estimate of the loads of the hands, None for no such estimate.
+        false_contacts: That are allowed in an hour.
+        adapt: True to follow bias and spread of the robot of today.
+        limbs: (n,) number of the limb of each joint; None to judge each joint alone.
         base: Residual of the base, None without a model of it.
         motor_torque: (n,) largest torque of the motors, at the joints [N m].
     """
 
     def __init__(
         self,
-        models: list[FusionModel | None],
+        models: Sequence[FusionModel | None],
         cycle: float,
         *,
         window: int,
+        false_contacts: float,
         adapt: bool,
-        hands: HandLoads | None = None,
+        limbs: IntArray | None = None,
         base: BaseGenerator | None = None,
         motor_torque: FloatArray | float = math.inf,
     ) -> None:
+        n = len(models)
         self._cycle, self._window, self._adapt = cycle, window, adapt
-        self._hands = hands if adapt else None
         self._base = base
         self._predictor = ErrorPredictor(models, cycle)
-        self._channels = momentum_channels(
-            [None if m is None else m.momentum for m in models], self._predictor.integrates
-        )
-        self._derivatives = ErrorDerivatives(len(models), cycle)
+        self._channels = current_channels(models)
+        self._derivatives = ErrorDerivatives(n, cycle)
         self.no_model = np.array([m is None for m in models])
-        self._threshold = FusionThreshold(models, cycle, adapt=adapt)
+        spread = np.array([(np.nan, np.nan) if m is None else m.spread for m in models])
+        self._threshold = SpreadThreshold(
+            spread,
+            self._predictor.identified["load_gain"],
+            cycle,
+            false_contacts=false_contacts,
+            adapt=adapt,
+        )
         self.bounds = self._threshold.bounds
-
-        def pairs(name: str) -> tuple[FloatArray, FloatArray]:
-            both = np.array([(np.nan, np.nan) if m is None else getattr(m, name) for m in models])
-            return both[:, 0], both[:, 1]
-
-        self._weight_at_rest, self._weight_in_motion = map(np.copy, pairs("weight"))
-        spread = np.maximum(*pairs("spread"))
-        self._adaptation = Adaptation(
-            [None if m is None else m.twin for m in models], spread, cycle
-        )
+        self._limbs = np.arange(n) if limbs is None else limbs
+        self._limb_count = int(self._limbs.max()) + 1
         self._torque = TorqueEstimate(
-            models, cycle, window=window, spread=spread, motor_torque=motor_torque
+            models,
+            cycle,
+            window=window,
+            spread=spread.max(axis=1),
+            motor_torque=motor_torque,
         )
-        self._doubt = DoubtDetector(models)
-        self._median = RunningMedian(window, len(models))
-        self._check_inputs, self._fuse = _check_inputs.load(), _fuse.load()
-        self._judge = _judge.load()
+        self._median = RunningMedian(window, 2 * n)
+        self._check_inputs, self._combine = _check_inputs.load(), _combine.load()
+        self._agree = _agree.load()
+        self._join_limbs, self._judge = _join_limbs.load(), _judge.load()
         self.reset()
 
     def reset(self) -> None:
         """Forget everything but the models."""
         n = len(self.no_model)
         self._predictor.reset()
-        self._adaptation.reset()
-        if self._hands is not None:
-            self._hands.reset()
         self._threshold.reset()
         self._torque.reset()
-        self._doubt.reset()
-        self._free = np.ones(n, dtype=np.bool_)
         self._derivatives.reset()
         self._median.reset()
+        self._channels["answered"] = 0
         if self._base is not None:
             self._base.reset()
         self._blind_ticks = np.zeros(n, dtype=np.int64)
         self._blind_countdown = 0
-        self._change = np.zeros(n)
+        self._change, self._bias = np.zeros(n), np.zeros(n)
         self._settling_ticks = np.zeros(n, dtype=np.int64)
         self._settling_countdown = 0
-        self._moving_ticks = np.zeros(n, dtype=np.int64)
-        self._untouched = POST_CONTACT_TICKS
-        self._prediction_std = np.zeros(n)
-        self._count = 0
 
     def step(self, tick: Tick) -> Residuals:
         """Take in one tick."""
@@ -454,42 +475,28 @@ class FusionGenerator:
             load_torque = _zero_invalid(load_torque)
             velocity, acceleration = _zero_invalid(velocity), _zero_invalid(acceleration)
             current = _zero_invalid(current)
-        if self._hands is not None:
-            load_torque = load_torque + self._hands.step(measured, velocity, acceleration)
         self._predictor.step(target, load_torque, velocity, acceleration, measured)
         # A late sample is the response to an older command.
         prediction = self._predictor.before(late_ticks)
-        residual, count = self._residual(prediction, measured, current, good)
+        channels, count = self._residuals(prediction, measured, current, good)
         bad = None
-        if count == n:
-            filtered = self._median.push(residual)
-        else:
+        if count < n:
             bad = ~good
-            filtered = self._median.push(np.where(bad, 0.0, residual))
-            residual[bad] = np.nan
+            channels[np.tile(bad, 2)] = 0.0
+        both = self._median.push(channels)
+        raw, filtered = np.empty(n), np.empty(n)
+        self._agree(channels, raw)
+        self._agree(both, filtered)
+        if bad is not None:
+            raw[bad] = np.nan
         blind = self._blind(bad, measured)
-        if self._adapt and self._count % UNCERTAINTY_PERIOD == 0:
-            self._prediction_std = self._uncertainty(prediction)
-        threshold = self._threshold.step(
-            velocity, acceleration, limited, self._prediction_std, self._unsettled()
-        )
+        threshold = self._threshold.step(velocity, limited)
+        alone = threshold.copy()
+        self._join_limbs(self._limbs, self._limb_count, filtered, threshold)
         torque, torque_std = self._torque.step(
             filtered, prediction.friction, threshold, prediction.load_torque, current
         )
-        doubtful = self._doubt.step(
-            self._predictor.joints,
-            prediction,
-            measured,
-            prediction.velocity - self._change,
-            current,
-            filtered,
-            threshold,
-            good & ~self._threshold.moving,
-            self._free,
-        )
-        if np.count_nonzero(doubtful):
-            doubtful &= ~blind
-        expected_error = prediction.target - prediction.position + prediction.remainder
+        expected_error = prediction.target - prediction.position + prediction.remainder + self._bias
         if np.count_nonzero(blind):
             for values in (expected_error, filtered, threshold, torque, torque_std):
                 values[blind] = np.nan
@@ -498,24 +505,25 @@ class FusionGenerator:
             base = self._base.step(tick, lost or late_ticks > 0)
         return Residuals(
             expected=expected_error,
-            raw=residual,
+            raw=raw,
             residual=filtered,
             threshold=threshold,
             torque=torque,
             torque_std=torque_std,
             friction_band=self._predictor.friction_band(prediction, self._threshold.moving),
             blind=blind,
-            doubtful=doubtful,
+            doubtful=self._doubtful(both[:n], filtered, alone, blind),
             base_raw=base[0],
             base_residual=base[1],
-            detail=_Detail(prediction, measured, limited),
+            detail=_Detail(prediction, measured, limited, alone),
         )
 
-    def _unsettled(self) -> FloatArray | None:
-        """Return (n,) 1 just after a touch, falling to 0, where motor boards integrate; None if all have settled."""
-        if not 0 < self._untouched < POST_CONTACT_TICKS:
-            return None
-        return self._predictor.integrates * (1.0 - self._untouched / POST_CONTACT_TICKS)
+    def _doubtful(
+        self, model: FloatArray, residual: FloatArray, threshold: FloatArray, blind: BoolArray
+    ) -> BoolArray:
+        """Return (n,) joints that rest away from their place without the torque of the motor that this would take."""
+        doubtful: BoolArray = (np.abs(model) > threshold) & (np.abs(residual) <= threshold)
+        return doubtful & ~(self._threshold.moving | blind)
 
     def _blind(self, bad: BoolArray | None, measured: FloatArray) -> BoolArray:
         """Return the (n,) joints that cannot be judged; their stick-slip models follow the measured position."""
@@ -542,49 +550,48 @@ class FusionGenerator:
         measured = np.where(np.abs(measured) < MAX_PLAUSIBLE, measured, harmless)
         return np.where(np.abs(target) < MAX_PLAUSIBLE, target, measured), measured
 
-    def _residual(
+    def _residuals(
         self, prediction: Prediction, measured: FloatArray, current: FloatArray, good: BoolArray
     ) -> tuple[FloatArray, int]:
-        """Return the fused residual [rad], and how many joints are good; clear ``good`` where there is none."""
+        """Return (2 n,) residuals [rad], and how many joints are good; clear ``good`` where there is none."""
         derivatives = self._derivatives
         if not derivatives.started:
             derivatives.start(prediction.target - measured)
-        change, residual = np.empty(len(good)), np.empty(len(good))
-        count = self._fuse(
+        change, residuals = np.empty(len(good)), np.empty(2 * len(good))
+        count = self._combine(
             self._predictor.joints,
             derivatives.filters,
             self._channels,
-            self._weight_at_rest,
-            self._weight_in_motion,
             prediction.target,
             prediction.board_target,
             prediction.load_torque,
             prediction.velocity,
             prediction.acceleration,
             prediction.position,
-            prediction.speed,
             prediction.friction,
             prediction.remainder,
             measured,
             current,
+            self._bias,
             derivatives.gain,
             self._cycle,
+            self.no_model,
             good,
             change,
-            residual,
+            residuals,
         )
         self._change = change
-        return residual, count
+        return residuals, count
+
+    @property
+    def moving(self) -> BoolArray:
+        """(n,) joints that are to move, or were just before."""
+        return self._threshold.moving
 
     @property
     def worn(self) -> BoolArray:
-        """(n,) joints whose friction or lag has grown by more than WEAR_RATIO."""
-        return self._adaptation.worn
-
-    @property
-    def hand_loads(self) -> dict[str, HandLoad]:
-        """Load of each hand, by arm."""
-        return {} if self._hands is None else self._hands.by_arm()
+        """(n,) joints whose residual in motion has grown as far as its spread may follow it."""
+        return self._threshold.change >= WORN_CHANGE
 
     def learn(
         self, residuals: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
@@ -592,77 +599,25 @@ class FusionGenerator:
         """Learn from a tick, once its events are known; see :class:`ResidualGenerator`."""
         detail, residual, blind = residuals.detail, residuals.residual, residuals.blind
         assert isinstance(detail, _Detail)
-        prediction, n = detail.prediction, len(residual)
-        self._free = free
+        n = len(residual)
         self._settle(settled, blind, detail.measured)
-        judged, quiet, resting = np.empty(n, np.bool_), np.empty(n, np.bool_), np.empty(n, np.bool_)
+        seen, resting = np.empty(n, np.bool_), np.empty(n, np.bool_)
         self._judge(
             residual,
-            prediction.speed,
+            detail.threshold,
+            detail.prediction.speed,
             free,
             blind,
             detail.limited,
-            self._threshold.quiet_bound,
-            self._moving_ticks,
-            judged,
-            quiet,
+            self._cycle / BIAS_TIME if self._adapt and untouched else 0.0,
+            self._bias,
+            seen,
             resting,
         )
-        # Also without adaptation: this corrects the state of the models, not their constants.
+        # Also without adaptation: this corrects the state of the models.
         self._predictor.rest(resting, residual)
-        if not self._adapt:
-            return
-        self._untouched = self._untouched + 1 if untouched else 0
-        self._threshold.learn(residual, judged if untouched else None)
-        if self._base is not None:
-            self._base.learn(untouched, bool(np.count_nonzero(self._threshold.moving)))
-        self._count += 1
-        # Half a period after the joints, so that no tick makes both updates.
-        if self._count % LEARN_PERIOD == LEARN_PERIOD // 2 and self._untouched > POST_CONTACT_TICKS:
-            use = free & judged & (np.abs(residual) < self._threshold.learning_bound)
-            self._reconcile_hands(use, detail)
-            self._learn_hands(use, prediction, residual)
-        if self._count % LEARN_PERIOD == 0:
-            other = np.zeros(n) if self._hands is None else self._hands.variance()
-            # A joint at rest shows none of its constants: friction may hold it anywhere within its band.
-            moving = quiet & ~resting
-            self._adaptation.update(residual, self._effects(prediction), other, moving)
-            self._predictor.adopt(self._adaptation.deviation)
-
-    def _learn_hands(self, use: BoolArray, prediction: Prediction, residual: FloatArray) -> None:
-        """Update the loads of the hands, only without touch: a touch on an arm looks like a load."""
-        if self._hands is None:
-            return
-        noise = self._adaptation.variance(self._effects(prediction))
-        explained = self._hands.update(
-            residual, noise, use & (self._moving_ticks >= MIN_MOVING_TICKS)
-        )
-        # At once: until the stick-slip models had moved there, the same residual would be learned again.
-        self._predictor.shift(explained)
-
-    def _reconcile_hands(self, use: BoolArray, detail: _Detail) -> None:
-        """Correct the loads by joints at rest: these do not show a load, but may contradict one."""
-        if self._hands is None:
-            return
-        still = ~self._threshold.moving & (np.abs(self._change) <= REST_SPEED)
-        beyond = self._predictor.beyond_friction(detail.prediction, detail.measured)
-        explained = self._hands.reconcile(beyond, use & still & (self._moving_ticks == 0))
-        if explained is not None:
-            self._predictor.shift(explained)
-
-    def _effects(self, prediction: Prediction) -> FloatArray:
-        return self._adaptation.effects(
-            prediction.friction,
-            self._predictor.model_velocity,
-            self._predictor.identified["load_gain"] * prediction.load_torque,
-        )
-
-    def _uncertainty(self, prediction: Prediction) -> FloatArray:
-        """Return the (n,) standard deviation of the expected error from unknown constants and loads [rad]."""
-        variance = self._adaptation.variance(self._effects(prediction))
-        if self._hands is not None:
-            variance = variance + self._hands.variance()
-        return np.sqrt(np.maximum(variance, 0.0))
+        if untouched:
+            self._threshold.learn(residual, seen)
 
     def _settle(self, settled: BoolArray, blind: BoolArray, measured: FloatArray) -> None:
         """Reset the stick-slip models of joints that come to rest after a contact."""
@@ -682,7 +637,7 @@ class FusionGenerator:
         """Reset the stick-slip models to the measured positions."""
         if np.count_nonzero(where):
             # Older residuals were those of the model before its reset.
-            self._median.clear(where)
+            self._median.clear(np.tile(where, 2))
             self._derivatives.put(where, self._predictor.before(0).target - measured)
             self._predictor.put(where, measured)
 

@@ -13,9 +13,8 @@ import numpy as np
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray, IntArray, contiguous
-from pepper_driver.config.kernels import Block, Matrix, Out, Records, kernel
+from pepper_driver.config.kernels import Block, Matrix, Out, kernel
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.detection.threshold import START_FACTOR, Envelope, ResidualEnvelope
 from pepper_driver.observer.models.fusion_model import TAPS, BaseModel
 from pepper_driver.observer.running_filters import RunningMedian
 
@@ -82,29 +81,17 @@ def _respond(
 
 
 @kernel
-def _select_axis(
-    ratio: FloatArray, filtered: FloatArray, envelopes: Records[Envelope], axis: int
-) -> tuple[int, float, float]:
-    """Return the axis to report, and its residual before and after the filter, in units of its widened bound.
+def _select_axis(filtered: FloatArray, axis: int) -> int:
+    """Return the axis to report, with the largest (3,) residual in units of its bound.
 
-    The sign of the reported axis is that of the contact: it must not change between axes of similar size.
-
-    Args:
-        ratio: (3,) residual of the twist in units of its bound.
-        filtered: (3,) the same after the filter.
-        envelopes: Of the axes.
-        axis: The one reported before.
+    The sign of the reported axis is that of the contact: it must not change between axes of similar size. ``axis`` is
+    the one reported before.
     """
     largest = 0
     for other in range(1, 3):
-        size = abs(filtered[other] / envelopes[other].factor)
-        if size > abs(filtered[largest] / envelopes[largest].factor):
+        if abs(filtered[other]) > abs(filtered[largest]):
             largest = other
-    size = abs(filtered[axis] / envelopes[axis].factor)
-    if size < AXIS_HYSTERESIS * abs(filtered[largest] / envelopes[largest].factor):
-        axis = largest
-    factor = envelopes[axis].factor
-    return axis, ratio[axis] / factor, filtered[axis] / factor
+    return largest if abs(filtered[axis]) < AXIS_HYSTERESIS * abs(filtered[largest]) else axis
 
 
 class BaseGenerator:
@@ -114,10 +101,9 @@ class BaseGenerator:
         model: Of the base.
         robot: Its description.
         window: Samples of the median.
-        adapt: True to widen the bounds by a residual envelope, separately for standing and driving.
     """
 
-    def __init__(self, model: BaseModel, robot: RobotConfig, window: int, *, adapt: bool) -> None:
+    def __init__(self, model: BaseModel, robot: RobotConfig, window: int) -> None:
         response = np.array(model.coefficients, dtype=np.float64).reshape(TAPS, -1, 3)
         # The load enters by its change over the response: accelerations of the limbs move the base, weight does not.
         response[-1, 3:] -= response[:, 3:].sum(axis=0)
@@ -126,10 +112,6 @@ class BaseGenerator:
         self._legs = np.array(leg_indices(robot), dtype=np.int64)
         self._inverse = np.array(robot.wheels.inverse, dtype=np.float64, order="C")
         self._window, self._standing_delay = window, TAPS + round(POST_DRIVE_TIME / robot.cycle)
-        # Envelopes of the residual in units of its bound, for driving and for standing.
-        bound, start = np.ones(3), np.full(3, START_FACTOR if adapt else 1.0)
-        self._envelopes = (ResidualEnvelope(bound, start), ResidualEnvelope(bound, start))
-        self._everything, self._nothing = np.ones(3, dtype=np.bool_), np.zeros(3, dtype=np.bool_)
         self._no_residual = np.zeros(3)
         self._respond, self._select_axis = _respond.load(), _select_axis.load()
         self.reset()
@@ -142,9 +124,6 @@ class BaseGenerator:
         self._standing_ticks = self._standing_delay
         self._blind = 0
         self._axis = 0
-        for envelope in self._envelopes:
-            envelope.reset()
-        self._judged = False
 
     def step(self, tick: Tick, late: bool) -> tuple[float, float]:
         """Take in one tick; return the residual before and after the filter, NaN while it cannot be judged.
@@ -162,25 +141,12 @@ class BaseGenerator:
         ratio = self._no_residual
         if seen:
             ratio = error / (self._standing if stands else self._driving)
-        self._filtered = self._median.push(ratio)
-        self._judged = self._blind == 0
-        if not self._judged:
+        filtered = self._median.push(ratio)
+        if self._blind:
             self._blind -= 1
             return np.nan, np.nan
-        self._axis, raw, filtered = self._select_axis(
-            ratio, self._filtered, self._envelopes[stands].envelopes, self._axis
-        )
-        return raw, filtered
-
-    def learn(self, untouched: bool, moving: bool) -> None:
-        """Learn from the last tick: whether the robot was untouched, and whether joints were to move."""
-        stands = self._standing_ticks >= self._standing_delay
-        if not untouched:
-            for envelope in self._envelopes:
-                envelope.touched()
-        elif self._judged:
-            moved = self._everything if moving or not stands else self._nothing
-            self._envelopes[stands].learn(self._filtered, self._everything, moved)
+        self._axis = self._select_axis(filtered, self._axis)
+        return float(ratio[self._axis]), float(filtered[self._axis])
 
     def _error(self, tick: Tick) -> FloatArray:
         """Take in a tick; return the (3,) predicted minus the measured twist."""

@@ -5,10 +5,9 @@ stiffness K of the joint, so that the result is an angle and comparable with r =
 
     r = motor - (J a + friction + g tau_ld + offset)
 
-The motor torque comes from the absolute current of the motor board or from its law, eps + I - d v; identification
-takes the one with the smaller error. Velocity and acceleration are the desired ones minus smoothed derivatives of the
-tracking error. The friction is that of the stick-slip model: a measured velocity near zero has no sign, and that model
-has the direction from which the joint came to rest.
+The motor torque comes from the absolute current of the motor board. Velocity and acceleration are the desired ones
+minus smoothed derivatives of the tracking error. The friction is that of the stick-slip model: a measured velocity near
+zero has no sign, and that model has the direction from which the joint came to rest.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.kernels import Out, Records, kernel, make_records
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.interface import MIN_OBSERVED_STIFFNESS, Residuals, StaticGeneratorMixin
-from pepper_driver.observer.models.fusion_model import FusionModel, MomentumParameters
+from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.recording import STALE_AGE
 from pepper_driver.observer.running_filters import RunningMedian
 
@@ -128,54 +127,68 @@ class ErrorDerivatives:
         self.started = False
 
 
-class MomentumChannel:
-    """Constants of the momentum channel of one joint; those of a joint without parameters are NaN.
+ANSWER_RATIO = 0.6
+"""Fraction of the output of its law that the current of a board must show, so that this output determines its sign."""
+
+MIN_DRIVE = np.radians(0.3)
+"""[rad] Output of the law below which its sign is not known."""
+
+ANSWER_TICKS = 6
+"""For which the current must have shown it: boards sometimes follow another target for a moment."""
+
+
+class CurrentChannel:
+    """Constants and state of the current of one joint; the constants of a joint without parameters are NaN.
 
     Attributes:
         inertia: J / K [s2].
         lag: d / K [s].
         offset: [rad]
         torque_per_ampere: Motor torque / K per current [rad/A].
-        by_current: True if the motor torque comes from the current, False if from the law of the motor board.
-        integrates: True if the motor board integrates errors: the integral also indicates the current's sign.
+        back_emf: Part of the law of the board per speed [s].
+        by_current: True if the current shows the torque of the motor.
+        answered: Ticks for which the current has shown the output of the board's law.
     """
 
     inertia: float
     lag: float
     offset: float
     torque_per_ampere: float
+    back_emf: float
     by_current: bool
-    integrates: bool
+    answered: int
 
 
-def momentum_channels(
-    models: Sequence[MomentumParameters | None], integrates: BoolArray
-) -> Records[MomentumChannel]:
-    """Return the channels of joints; ``integrates`` (n,) as of :class:`MomentumChannel`."""
+def current_channels(models: Sequence[FusionModel | None]) -> Records[CurrentChannel]:
+    """Return the channels of joints."""
+    momenta = [None if m is None else m.momentum for m in models]
     return make_records(
-        MomentumChannel,
+        CurrentChannel,
         len(models),
         **{
-            name: [np.nan if m is None else getattr(m, name) for m in models]
+            name: [np.nan if m is None else getattr(m, name) for m in momenta]
             for name in ("inertia", "lag", "offset", "torque_per_ampere")
         },
-        by_current=[m is not None and m.source == "current" for m in models],
-        integrates=integrates,
+        back_emf=[np.nan if m is None else m.twin.lag for m in models],
+        by_current=[m is not None and m.source == "current" for m in momenta],
     )
 
 
 @kernel
-def momentum_residual(
-    channels: Records[MomentumChannel],
+def current_residual(
+    channels: Out[Records[CurrentChannel]],
     j: int,
     current: float,
     drive: float,
     velocity: float,
     acceleration: float,
     resistance: float,
-    model_residual: float,
 ) -> tuple[float, float]:
     """Return the external torque on the motor over K, with the sign of r, and the motor's torque / K [rad].
+
+    The current has no sign. It takes that of the torque that a free motion needs, which makes the residual smaller than
+    the other sign would. A touch that reverses the torque of the motor would then be lost: where the current has shown
+    the output of the board's law for ANSWER_TICKS, it takes the sign of this output.
 
     Args:
         channels: Of the joints.
@@ -185,16 +198,13 @@ def momentum_residual(
         velocity: Of the joint, as measured [rad/s].
         acceleration: [rad/s2]
         resistance: Friction and load / K [rad].
-        model_residual: r of the stick-slip model [rad], for the sign of the current.
     """
     p = channels[j]
     needed = p.inertia * acceleration + p.lag * velocity + resistance + p.offset
-    if not p.by_current:
-        return drive - needed, drive
-    # The current has no sign. It takes that of the required torque and, where the board integrates errors, also of the
-    # output of its law. Either of them alone is sometimes wrong for seconds.
-    likely = needed + model_residual + (drive if p.integrates else 0.0)
-    motor = math.copysign(p.torque_per_ampere * current, likely)
+    size, output = p.torque_per_ampere * current, drive - p.back_emf * velocity
+    answers = abs(output) > MIN_DRIVE and size > ANSWER_RATIO * abs(output)
+    p.answered = p.answered + 1 if answers else 0
+    motor = math.copysign(size, output if p.answered >= ANSWER_TICKS else needed)
     return motor - needed, motor
 
 

@@ -5,23 +5,19 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.config.kernels import Matrix, Out, Records, kernel, make_records
+from pepper_driver.config.kernels import Out, Records, kernel, make_records
 from pepper_driver.observer.detection.threshold import REST_SPEED
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.stick_slip import (
     StickSlipModel,
-    StickSlipParameters,
     StickSlipState,
-    beyond_friction,
     stick_slip_constants,
 )
 from pepper_driver.observer.models.tree import BatchedTrees
-from pepper_driver.observer.residuals.adaptation import OFFSET_UNIT
 
 MAX_LATE_TICKS = 3
 """Ticks by which a sample may be late and still be compared with the prediction for its time."""
@@ -69,8 +65,6 @@ class PredictedJoint:
 
     Attributes:
         load_gain: g = 1 / K as identified [rad/(N m)].
-        load_factor: Factor on it, as adapted.
-        extra_load: Constant load beyond that identified, as adapted [rad].
         band_unloaded: Range from friction at rest in one direction to that in the other, without load [rad].
         band_per_load: Its increase with the size of the load [rad/rad].
         integrates: True if its motor board integrates errors, which its current shows.
@@ -79,8 +73,6 @@ class PredictedJoint:
     """
 
     load_gain: float
-    load_factor: float
-    extra_load: float
     band_unloaded: float
     band_per_load: float
     integrates: bool
@@ -132,41 +124,6 @@ def _friction_band(
             band[j] = 0.0
 
 
-@kernel
-def _beyond_friction(
-    joints: Records[PredictedJoint],
-    constants: Records[StickSlipParameters],
-    target: FloatArray,
-    load_torque: FloatArray,
-    remainder: FloatArray,
-    measured: FloatArray,
-    beyond: Out[FloatArray],
-) -> None:
-    for j in range(len(beyond)):
-        error = target[j] - measured[j] - remainder[j]
-        load = joints[j].load_gain * load_torque[j] * joints[j].load_factor + constants[j].offset
-        beyond[j] = beyond_friction(constants, j, error, load)
-
-
-@kernel
-def _adopt(
-    joints: Out[Records[PredictedJoint]],
-    identified: Records[StickSlipParameters],
-    adapted: Out[Records[StickSlipParameters]],
-    deviation: Matrix[FloatArray],
-) -> None:
-    for j in range(len(joints)):
-        joint = joints[j]
-        p: Any = adapted[j]  # its class is frozen
-        friction, lag, load, offset = deviation[j]
-        joint.load_factor, joint.extra_load = 1.0 + load, offset * OFFSET_UNIT
-        # At least a fifth of the identified values: both must stay positive.
-        p.friction = identified[j].friction * max(1.0 + friction, 0.2)
-        p.lag = identified[j].lag * max(1.0 + lag, 0.2)
-        p.load_gain = identified[j].load_gain * joint.load_factor
-        p.offset = identified[j].offset + joint.extra_load
-
-
 class ErrorPredictor:
     """Predictor of tracking errors: it steps the stick-slip models and corrects them by measurements of free joints.
 
@@ -188,7 +145,7 @@ class ErrorPredictor:
                 for m in models
             ]
         )
-        self._models = StickSlipModel(self.identified.copy(), cycle)
+        self._models = StickSlipModel(self.identified, cycle)
         self._remainders = BatchedTrees([None if m is None else m.remainder for m in models])
         self._correction = cycle / REST_CORRECTION_TIME
         p = self.identified
@@ -204,25 +161,17 @@ class ErrorPredictor:
             integral_rate=p["integral_rate"],
         )
         self._rest, self._friction_band = _rest.load(), _friction_band.load()
-        self._beyond_friction, self._adopt = _beyond_friction.load(), _adopt.load()
         self.reset()
 
     def reset(self) -> None:
         """Forget everything but the models."""
-        n = len(self.integrates)
         self.joints["board_integral"] = 0.0
         self._past: deque[Prediction] = deque(maxlen=MAX_LATE_TICKS + 1)
-        self.adopt(np.zeros((n, 4)))
 
     @property
     def position(self) -> FloatArray | None:
         """(n,) positions of the stick-slip models [rad]; None before the first tick."""
         return self._models.states["position"] if self._past else None
-
-    @property
-    def model_velocity(self) -> FloatArray:
-        """(n,) speed of the stick-slip models [rad/s]."""
-        return self._models.states["velocity"].copy()
 
     def step(
         self,
@@ -284,20 +233,6 @@ class ErrorPredictor:
         self._friction_band(self.joints, prediction.load_torque, moving, band)
         return band
 
-    def beyond_friction(self, prediction: Prediction, measured: FloatArray) -> FloatArray:
-        """Return the (n,) part of the tracking error of joints at rest that friction cannot hold [rad]."""
-        beyond = np.empty(len(measured))
-        self._beyond_friction(
-            self.joints,
-            self._models.constants,
-            prediction.target,
-            prediction.load_torque,
-            prediction.remainder,
-            measured,
-            beyond,
-        )
-        return beyond
-
     def rest(self, where: BoolArray, residual: FloatArray) -> None:
         """Move the models of joints (n,) at rest without touch slowly by their residual (n,) [rad]."""
         self._rest(self.joints, self._models.states, where, residual, self._correction)
@@ -312,11 +247,3 @@ class ErrorPredictor:
             np.where(np.abs(velocity) > REST_SPEED, velocity, 0.0),
             np.where(self.integrates, self.joints["board_integral"], integral),
         )
-
-    def shift(self, error: FloatArray) -> None:
-        """Increase the tracking error of the stick-slip models by (n,) [rad] at once."""
-        self._models.states["position"] -= error
-
-    def adopt(self, deviation: FloatArray) -> None:
-        """Set the adapted constants of the stick-slip models: (n, 4) deviations of ``Adaptation``."""
-        self._adopt(self.joints, self.identified, self._models.constants, deviation)

@@ -230,10 +230,11 @@ def _fit_fusion(
         fits[entry.joint] = FitScore(
             estimation=mean_fit(entry, runs, predict) if runs else test, test=test
         )
+    factor = threshold_factor(load_observer_settings().false_contacts)
     return FittedModels(
         models=dict(models),
         fits=fits,
-        thresholds={name: model.max_bound for name, model in models.items()},
+        thresholds={name: factor * max(model.spread) for name, model in models.items()},
         base=base,
     )
 

@@ -412,7 +412,7 @@ def _fit_folder(
         *_weight_findings(manifest, recordings, robot),
         *inspect_recordings(recordings, fitted.models),
     )
-    sensitivities = joint_sensitivities(fitted.models, recordings.free_motion, robot)
+    sensitivities = joint_sensitivities(fitted.models, robot)
     return Identification(
         models=ModelSet(
             robot=robot.name,

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from pepper_driver.config import RobotConfig
+from pepper_driver.config import RobotConfig, load_observer_settings
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import RobotModel
 from pepper_driver.identification.measurements.program import GRIP, HAND_LINKS
 from pepper_driver.identification.quality import Finding, Kind
-from pepper_driver.observer import FitScore, FusionModel, JointModel, Recording
-from pepper_driver.observer.fitting.bounds import motion_phase
+from pepper_driver.observer import FitScore, FusionModel, JointModel
+from pepper_driver.observer.detection.threshold import threshold_factor
 
 MAX_THRESHOLD = np.radians(3.0)
 """[rad] Median threshold over free motion beyond which a joint of the upper arm is blind, if MAX_TORQUE is too."""
@@ -63,24 +63,22 @@ class JointSensitivity:
 
 
 def joint_sensitivities(
-    models: Mapping[str, JointModel], free_motion: Sequence[Recording], robot: RobotConfig
+    models: Mapping[str, JointModel], robot: RobotConfig
 ) -> dict[str, JointSensitivity]:
     """Return the sensitivity of each joint that has a model of kind ``fusion``.
 
     Args:
         models: By joint.
-        free_motion: Recordings over which the medians are taken.
         robot: Its description.
     """
     levers = _levers(robot)
-    phases = [motion_phase(run, run.cycle) for run in free_motion]
+    factor = threshold_factor(load_observer_settings().false_contacts)
     found = {}
     for joint, model in models.items():
-        if not isinstance(model, FusionModel) or not phases:
+        if not isinstance(model, FusionModel):
             continue
         index = robot.joint_index(joint)
-        bounds = np.concatenate([model.bound.predict(phase[:, index]) for phase in phases])
-        threshold = float(np.median(bounds))
+        threshold = factor * model.spread[1]
         torque = threshold / model.twin.load_gain
         found[joint] = JointSensitivity(
             threshold=threshold,
