@@ -325,7 +325,13 @@ def _make_generator(
         adapt = settings.adapt
         base = None
         if models.base is not None:
-            base = BaseGenerator(models.base, robot, window)
+            base = BaseGenerator(
+                models.base,
+                robot,
+                window,
+                false_contacts=settings.false_contacts,
+                adapt=adapt,
+            )
         generator: ResidualGenerator = FusionGenerator(
             fusion,
             robot.cycle,

@@ -34,8 +34,8 @@ RATIO_MEMORY = 12
 REISOLATION_TIMES = (0.05, 0.15)
 """[s] after the detection, when the joint is determined again."""
 
-TRUNK_REPORT_DELAY = 0.024
-"""[s] Two ticks. The trunk often detects a push on a limb first, and the limb detects it within this time."""
+TRUNK_REPORT_DELAY = 0.1
+"""[s] The base often detects a push on a limb first, and the limb detects it within this time."""
 
 TRUNK_LINK = "torso"
 """Link of a contact that a joint of the legs detects: most of the surface above it belongs to the trunk."""

@@ -18,11 +18,14 @@ from pepper_driver.observer.running_filters import RunningMaximum
 SPREAD_QUANTILE = 0.99
 """The spread is this quantile of the size of a residual in free motion."""
 
+MIN_SAMPLES = 500
+"""Six seconds in a phase of the motion, from which a spread is found; with fewer it is that of another phase."""
+
 MIN_SPREAD = np.radians(0.1)
 """[rad] Smallest spread: one step of the encoder."""
 
 MIN_TORQUE = 0.08
-"""[N m] Smallest threshold as a torque: the robot's description knows nothing of 100 g in a hand, which turn a wrist."""
+"""[N m] Smallest threshold as a torque: 100 g in a hand, unknown to the robot's description, turn a wrist."""
 
 TAIL = 0.22
 """Growth of the largest residual per spread, as the time in which it is looked for grows by a factor of e."""
@@ -72,8 +75,8 @@ class SpreadState:
 
 
 @kernel
-def learn_spread(spreads: Out[Records[SpreadState]], j: int, size: float) -> None:
-    """Take in the size of a residual without touch."""
+def learn_spread(spreads: Out[Records[SpreadState]], j: int, size: float, smallest: float) -> None:
+    """Take in the size of a residual without touch; ``smallest`` is the smallest spread that it may have."""
     spread = spreads[j]
     if size > spread.today:
         spread.ticks += 1
@@ -82,7 +85,7 @@ def learn_spread(spreads: Out[Records[SpreadState]], j: int, size: float) -> Non
     else:
         spread.ticks = 0
         spread.today *= 1.0 - RISE * (1.0 - SPREAD_QUANTILE)
-    lowest = max(spread.identified / MAX_CHANGE, min(MIN_SPREAD, spread.identified))
+    lowest = max(spread.identified / MAX_CHANGE, min(smallest, spread.identified))
     spread.today = min(max(spread.today, lowest), spread.identified * MAX_CHANGE)
 
 
@@ -113,7 +116,7 @@ def _learn(
 ) -> None:
     for j in range(len(seen)):
         if seen[j]:
-            learn_spread(in_motion if moving[j] else at_rest, j, abs(residual[j]))
+            learn_spread(in_motion if moving[j] else at_rest, j, abs(residual[j]), MIN_SPREAD)
 
 
 class SpreadThreshold:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.observer.detection.threshold import MIN_SPREAD, SPREAD_QUANTILE
+from pepper_driver.observer.detection.threshold import MIN_SAMPLES, MIN_SPREAD, SPREAD_QUANTILE
 from pepper_driver.observer.fitting.samples import (
     fit_samples,
     in_working_range,
@@ -64,9 +64,6 @@ MOMENTUM_FACTOR = 1.5
 
 MOMENTUM_WINDOW = 11
 """Samples of the median of the baseline ``momentum``, as in the paper."""
-
-MIN_SAMPLES = 500
-"""Of a phase of the motion, six seconds; with fewer it gets the spread of the other one."""
 
 
 def fit_spreads(

@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.observer.models.fusion_model import TAPS, BaseModel, Triple
+from pepper_driver.observer.detection.threshold import MIN_SAMPLES, SPREAD_QUANTILE
+from pepper_driver.observer.models.fusion_model import OUTPUTS, TAPS, BaseModel, Six
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.residuals.mobile_base import STANDSTILL_SPEED, leg_indices
+from pepper_driver.observer.residuals.mobile_base import (
+    LEVEL_TIME,
+    MIN_SPREADS,
+    BaseGenerator,
+    leg_indices,
+)
 
 RIDGE_RATIO = 1e-3
 """Relative to the mean square of the inputs."""
 
-BASE_BOUND_FACTOR = 2.6
-"""Factor over the largest residual of the calibration."""
-
 
 def fit_base(robot: RobotConfig, recordings: Sequence[Recording], *, window: int) -> BaseModel:
-    """Identify the response on every second recording, and the bounds on all of them.
+    """Identify the response on every second recording, and the spread of the residuals on all of them.
 
     Args:
         robot: Its description.
@@ -33,29 +38,39 @@ def fit_base(robot: RobotConfig, recordings: Sequence[Recording], *, window: int
     gram = x.T @ x
     gram += RIDGE_RATIO * np.mean(np.diag(gram)) * np.eye(len(gram))
     coefficients = np.linalg.solve(gram, x.T @ y)
-    # Above 0 in any case: a bound of 0 is invalid.
-    largest = {True: np.full(3, 1e-6), False: np.full(3, 1e-6)}
+    model = BaseModel(
+        coefficients=tuple(_six(row) for row in coefficients),
+        still=_six(MIN_SPREADS),
+        moving=_six(MIN_SPREADS),
+        driving=_six(MIN_SPREADS),
+    )
+    residuals: list[FloatArray] = []
+    phases: list[int] = []
     for recording in recordings:
-        known, twist = _regression(robot, recording)
-        error = known @ coefficients - twist
-        median = np.median(np.lib.stride_tricks.sliding_window_view(error, window, axis=0), axis=-1)
-        sent = np.abs(known.reshape(len(known), TAPS, -1)[:, :, :3]).max(axis=(1, 2))
-        stands = sent[window - 1 :] < STANDSTILL_SPEED
-        for case in (True, False):
-            seen = np.abs(median[stands == case])
-            if len(seen):
-                largest[case] = np.maximum(largest[case], seen.max(axis=0))
-    # The bound for driving also applies shortly afterwards, when the base stands.
-    driving = np.maximum(largest[False], largest[True])
-    return BaseModel(
-        coefficients=tuple((float(a), float(b), float(c)) for a, b, c in coefficients),
-        standing=_triple(BASE_BOUND_FACTOR * largest[True]),
-        driving=_triple(BASE_BOUND_FACTOR * driving),
+        generator = BaseGenerator(model, robot, window, false_contacts=1.0, adapt=False)
+        for tick in recording.ticks():
+            if math.isfinite(generator.step(tick, late=False)[1]):
+                residuals.append(generator.filtered)
+                phases.append(generator.phase)
+    sizes, phase = np.abs(residuals), np.array(phases)
+    spreads = [
+        np.quantile(sizes[phase == number], SPREAD_QUANTILE, axis=0)
+        if np.count_nonzero(phase == number) >= MIN_SAMPLES
+        else np.zeros(len(OUTPUTS))
+        for number in range(3)
+    ]
+    # What was not seen is at least as rough as what is quieter.
+    still, moving, driving = np.maximum.accumulate(spreads)
+    return replace(
+        model,
+        still=_six(np.maximum(still, MIN_SPREADS)),
+        moving=_six(np.maximum(moving, MIN_SPREADS)),
+        driving=_six(np.maximum(driving, MIN_SPREADS)),
     )
 
 
 def _regression(robot: RobotConfig, recording: Recording) -> tuple[FloatArray, FloatArray]:
-    """Return the (n, inputs) inputs of each tick and the TAPS - 1 before it; (n, 3) measured twist."""
+    """Return the (n, inputs) inputs of each tick and the TAPS - 1 before it; (n, 6) measured outputs."""
     inverse = np.asarray(robot.wheels.inverse)
     sent = recording.sent_wheel_speed @ inverse.T
     load = recording.load_torque[:, leg_indices(robot)]
@@ -64,10 +79,23 @@ def _regression(robot: RobotConfig, recording: Recording) -> tuple[FloatArray, F
     known = windows.transpose(0, 2, 1).copy()
     # Change of the load over the response: accelerations of the limbs move the base, their weight does not.
     known[:, :, 3:] -= known[:, -1:, 3:]
-    twist = recording.wheel_speed[TAPS - 1 :] @ inverse.T
-    return known.reshape(len(known), -1), twist
+    inertial = np.column_stack(
+        (recording.angular_velocity[:, 2], recording.linear_acceleration[:, :2])
+    )
+    inertial = np.where(np.isfinite(inertial), inertial, 0.0)
+    outputs = np.hstack((recording.wheel_speed @ inverse.T, _without_level(inertial, robot.cycle)))
+    return known.reshape(len(known), -1), outputs[TAPS - 1 :]
 
 
-def _triple(values: FloatArray) -> Triple:
-    a, b, c = map(float, values)
-    return a, b, c
+def _without_level(inertial: FloatArray, cycle: float) -> FloatArray:
+    """Return (n, 3) measurements of the inertial unit without their slow part, as in use."""
+    level, pace, changes = inertial[0].copy(), cycle / LEVEL_TIME, np.empty_like(inertial)
+    for k, row in enumerate(inertial):
+        changes[k] = row - level
+        level += pace * changes[k]
+    return changes
+
+
+def _six(values: FloatArray) -> Six:
+    a, b, c, d, e, f = map(float, values)
+    return a, b, c, d, e, f

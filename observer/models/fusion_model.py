@@ -13,7 +13,10 @@ from pepper_driver.config.loading import STRICT
 from pepper_driver.observer.models.stick_slip import StickSlipParameters
 from pepper_driver.observer.models.tree import AffineTree
 
-Triple = tuple[float, float, float]
+OUTPUTS = ("vx", "vy", "wz", "yaw rate", "ax", "ay")
+"""Of the base: twist by the wheels [m/s], [m/s], [rad/s]; by the inertial unit [rad/s], [m/s2], [m/s2]."""
+
+Six = tuple[float, float, float, float, float, float]
 
 TAPS = 25
 """Ticks of the impulse response: 0.3 s, after which the wheels have settled."""
@@ -25,28 +28,31 @@ class BaseModelError(PepperError, ValueError):
 
 @dataclass(frozen=True, kw_only=True)
 class BaseModel:
-    """Model of the base twist: vx [m/s], vy [m/s], wz [rad/s].
+    """Model of the motion of the base: OUTPUTS.
 
     Attributes:
-        coefficients: One row of three per input: first the inputs of this tick, then of the previous one, and so on.
-        standing: Bounds of the residual while the base is commanded to stand.
-        driving: Bounds while it is commanded to drive.
+        coefficients: One row of six outputs per input: first the inputs of this tick, then of the previous one, and so
+            on.
+        still: Spread of the residuals while neither base nor joints move, or joints move slowly.
+        moving: Spread while joints move.
+        driving: Spread while the base is commanded to drive.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
-    coefficients: Annotated[tuple[Triple, ...], Field(min_length=1)]
-    standing: Triple
-    driving: Triple
+    coefficients: Annotated[tuple[Six, ...], Field(min_length=1)]
+    still: Six
+    moving: Six
+    driving: Six
 
     def __post_init__(self) -> None:
         if len(self.coefficients) % TAPS:
             raise BaseModelError(f"'coefficients' must be a multiple of {TAPS} rows")
-        values = [*self.standing, *self.driving]
+        values = [*self.still, *self.moving, *self.driving]
         if not (np.isfinite(self.coefficients).all() and np.isfinite(values).all()):
             raise BaseModelError("a value is not finite")
         if min(values) <= 0.0:
-            raise BaseModelError("a bound must be above 0")
+            raise BaseModelError("a spread must be above 0")
 
 
 MotorTorque = Literal["current", "voltage"]

@@ -213,6 +213,12 @@ SETTLING_TICKS = 40
 WORN_CHANGE = 2.9
 """Growth of the spread of a residual at which a joint counts as worn."""
 
+CONFIRMING_RATIO = 0.55
+"""Factor on the thresholds of limbs just after the base was pushed: one sign of touch confirms the other."""
+
+CONFIRMING_TICKS = 12
+"""For which it applies: friction of the joints holds a push back for a moment, the wheels show it at once."""
+
 BIAS_TIME = 15.0
 """[s] Time constant with which the bias of a free joint follows its residual: loads differ from those identified."""
 
@@ -443,6 +449,7 @@ class FusionGenerator:
             self._base.reset()
         self._blind_ticks = np.zeros(n, dtype=np.int64)
         self._blind_countdown = 0
+        self._base_quiet, self._confirming = CONFIRMING_TICKS, 0
         self._change, self._bias = np.zeros(n), np.zeros(n)
         self._settling_ticks = np.zeros(n, dtype=np.int64)
         self._settling_countdown = 0
@@ -492,6 +499,10 @@ class FusionGenerator:
         blind = self._blind(bad, measured)
         threshold = self._threshold.step(velocity, limited)
         alone = threshold.copy()
+        base = (np.nan, np.nan)
+        if self._base is not None:
+            base = self._base.step(tick, lost or late_ticks > 0)
+            threshold *= self._confirmation(base[1])
         self._join_limbs(self._limbs, self._limb_count, filtered, threshold)
         torque, torque_std = self._torque.step(
             filtered, prediction.friction, threshold, prediction.load_torque, current
@@ -500,9 +511,6 @@ class FusionGenerator:
         if np.count_nonzero(blind):
             for values in (expected_error, filtered, threshold, torque, torque_std):
                 values[blind] = np.nan
-        base = (np.nan, np.nan)
-        if self._base is not None:
-            base = self._base.step(tick, lost or late_ticks > 0)
         return Residuals(
             expected=expected_error,
             raw=raw,
@@ -517,6 +525,19 @@ class FusionGenerator:
             base_residual=base[1],
             detail=_Detail(prediction, measured, limited, alone),
         )
+
+    def _confirmation(self, base_residual: float) -> float:
+        """Return the factor on thresholds of limbs that a push on the base makes."""
+        if abs(base_residual) > 1.0:
+            if self._base_quiet >= CONFIRMING_TICKS:
+                self._confirming = CONFIRMING_TICKS
+            self._base_quiet = 0
+        else:
+            self._base_quiet += 1
+        if not self._confirming:
+            return 1.0
+        self._confirming -= 1
+        return CONFIRMING_RATIO
 
     def _doubtful(
         self, model: FloatArray, residual: FloatArray, threshold: FloatArray, blind: BoolArray
@@ -618,6 +639,8 @@ class FusionGenerator:
         self._predictor.rest(resting, residual)
         if untouched:
             self._threshold.learn(residual, seen)
+            if self._base is not None:
+                self._base.learn()
 
     def _settle(self, settled: BoolArray, blind: BoolArray, measured: FloatArray) -> None:
         """Reset the stick-slip models of joints that come to rest after a contact."""

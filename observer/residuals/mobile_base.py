@@ -1,8 +1,8 @@
-"""Expected and measured motion of the wheels: contacts on the base, and on a stiff trunk.
+"""Expected and measured motion of the base: contacts on it, and on a stiff trunk.
 
 The speed controllers of the wheels are nearly linear, and so is the response of the base to the motion of the limbs. A
-finite impulse response predicts the measured twist from the commanded wheel speeds and
-the load on the legs.
+finite impulse response predicts the twist that the wheels measure, and what the inertial unit measures, from the
+commanded wheel speeds and the load on the legs.
 """
 
 from __future__ import annotations
@@ -13,19 +13,34 @@ import numpy as np
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray, IntArray, contiguous
-from pepper_driver.config.kernels import Block, Matrix, Out, kernel
+from pepper_driver.config.kernels import Block, Matrix, Out, Records, kernel, make_records
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.models.fusion_model import TAPS, BaseModel
+from pepper_driver.observer.detection.threshold import (
+    MOTION_MEMORY,
+    SpreadState,
+    learn_spread,
+    threshold_factor,
+)
+from pepper_driver.observer.models.fusion_model import OUTPUTS, TAPS, BaseModel
 from pepper_driver.observer.running_filters import RunningMedian
 
 STANDSTILL_SPEED = 0.005
 """[m/s], [rad/s] Commanded speed below which, for the length of the response, the base counts as standing."""
 
+SLOW_SPEED = 0.2
+"""[rad/s] Desired speed of joints below which they do not rock the base."""
+
 AXIS_HYSTERESIS = 0.5
 """Fraction of the largest residual down to which the previous axis remains the reported one."""
 
 POST_DRIVE_TIME = 0.3
-"""[s] After the response to a drive, in which the bound for driving still applies."""
+"""[s] After the response to a drive, in which the spread for driving still applies."""
+
+LEVEL_TIME = 2.0
+"""[s] Time constant with which the level of the inertial unit is followed: it leans with the robot."""
+
+MIN_SPREADS = np.array([0.0005, 0.0005, 0.002, 0.0005, 0.005, 0.005])
+"""Smallest spread of each output: a step of its sensor."""
 
 
 @kernel
@@ -33,12 +48,11 @@ def _respond(
     inputs: Out[Matrix[FloatArray]],
     count: int,
     sent_speed: FloatArray,
-    measured_speed: FloatArray,
     load_torque: FloatArray,
     legs: IntArray,
     inverse: Matrix[FloatArray],
     response: Block[FloatArray],
-    error: Out[FloatArray],
+    predicted: Out[FloatArray],
 ) -> float:
     """Take in the tick number ``count``; return the size of the largest commanded base velocity.
 
@@ -46,20 +60,18 @@ def _respond(
         inputs: Ring of one row per tick: commanded base twist, load of the legs.
         count: Number of the tick. In the first one, 0, the load is taken as constant before.
         sent_speed: (3,) commanded wheel speeds [rad/s].
-        measured_speed: (3,) measured wheel speeds [rad/s].
         load_torque: (n,) of the joints [N m].
         legs: Indices of the leg joints.
         inverse: (3, 3) from wheel speeds to the base twist.
-        response: By tick and input, (3,) response of the base twist.
-        error: (3,) predicted minus measured twist of the base.
+        response: By tick and input, (6,) response of the outputs.
+        predicted: (6,) outputs.
     """
     newest = -count % TAPS  # rows after it are older
     now, total = inputs[newest], 0.0
     for axis in range(3):
-        now[axis], error[axis] = 0.0, 0.0
+        now[axis] = 0.0
         for wheel in range(3):
             now[axis] += inverse[axis, wheel] * sent_speed[wheel]
-            error[axis] -= inverse[axis, wheel] * measured_speed[wheel]
         total += now[axis]
     for i in range(len(legs)):
         now[3 + i] = load_torque[legs[i]]
@@ -69,61 +81,139 @@ def _respond(
         now[:] = inputs[(newest + 1) % TAPS]
     if count == 0:
         inputs[:, 3:] = now[3:]
-    vx, vy, wz = 0.0, 0.0, 0.0
+    predicted[:] = 0.0
     for tap in range(TAPS):
         then = inputs[(newest + tap) % TAPS]
         for i in range(len(then)):
-            vx += then[i] * response[tap, i, 0]
-            vy += then[i] * response[tap, i, 1]
-            wz += then[i] * response[tap, i, 2]
-    error[0], error[1], error[2] = error[0] + vx, error[1] + vy, error[2] + wz
+            for output in range(len(predicted)):
+                predicted[output] += then[i] * response[tap, i, output]
     return float(max(abs(now[0]), abs(now[1]), abs(now[2])))
 
 
 @kernel
-def _select_axis(filtered: FloatArray, axis: int) -> int:
-    """Return the axis to report, with the largest (3,) residual in units of its bound.
+def _compare(
+    predicted: FloatArray,
+    wheel_speed: FloatArray,
+    inverse: Matrix[FloatArray],
+    inertial: FloatArray,
+    pace: float,
+    level: Out[FloatArray],
+    error: Out[FloatArray],
+) -> None:
+    """Compute predicted minus measured outputs (6,); those of an inertial unit without values are 0.
 
-    The sign of the reported axis is that of the contact: it must not change between axes of similar size. ``axis`` is
-    the one reported before.
+    Args:
+        predicted: (6,) outputs.
+        wheel_speed: (3,) measured [rad/s].
+        inverse: (3, 3) from wheel speeds to the base twist.
+        inertial: (3,) yaw rate [rad/s] and horizontal acceleration [m/s2] as measured.
+        pace: Fraction of a change of its level that one sample adds.
+        level: (3,) of the inertial unit; NaN before the first sample.
+        error: (6,) is set.
     """
-    largest = 0
-    for other in range(1, 3):
-        if abs(filtered[other]) > abs(filtered[largest]):
-            largest = other
-    return largest if abs(filtered[axis]) < AXIS_HYSTERESIS * abs(filtered[largest]) else axis
+    for axis in range(3):
+        error[axis] = predicted[axis]
+        for wheel in range(3):
+            error[axis] -= inverse[axis, wheel] * wheel_speed[wheel]
+        beyond = inertial[axis] - predicted[3 + axis]
+        if not math.isfinite(beyond):
+            error[3 + axis] = 0.0
+            continue
+        if math.isnan(level[axis]):
+            level[axis] = beyond
+        error[3 + axis] = level[axis] - beyond
+        level[axis] += pace * (beyond - level[axis])
+
+
+@kernel
+def _judge_base(
+    filtered: FloatArray, spreads: Records[SpreadState], factor: float, axis: int
+) -> tuple[int, float]:
+    """Return the output to report, and the norm of all residuals over their thresholds, with its sign.
+
+    The sign of the reported output is that of the contact: it must not change between outputs of similar size.
+    ``axis`` is the one reported before.
+    """
+    largest, square = 0, 0.0
+    for output in range(len(filtered)):
+        ratio = filtered[output] / spreads[output].today
+        square += ratio * ratio
+        if abs(ratio) > abs(filtered[largest] / spreads[largest].today):
+            largest = output
+    before = abs(filtered[axis] / spreads[axis].today)
+    if before < AXIS_HYSTERESIS * abs(filtered[largest] / spreads[largest].today):
+        axis = largest
+    return axis, math.copysign(math.sqrt(square) / factor, filtered[axis])
+
+
+@kernel
+def _learn_base(
+    spreads: Out[Records[SpreadState]], filtered: FloatArray, smallest: FloatArray
+) -> None:
+    for output in range(len(filtered)):
+        learn_spread(spreads, output, abs(filtered[output]), smallest[output])
 
 
 class BaseGenerator:
-    """Residual of the base in units of its bound: a size above 1 indicates a push.
+    """Residual of the base in units of its threshold: a size above 1 indicates a push.
+
+    It is the norm of the residuals of all outputs, each over its spread (:mod:`~.threshold`): while neither base nor
+    joints move, while joints move, and while the base drives.
 
     Args:
         model: Of the base.
         robot: Its description.
         window: Samples of the median.
+        false_contacts: That are allowed in an hour.
+        adapt: True to follow the spreads of the robot of today.
+
+    Attributes:
+        filtered: (6,) residuals of the outputs after the filter.
+        phase: 0 while neither base nor joints move, 1 while joints move, 2 while the base drives.
     """
 
-    def __init__(self, model: BaseModel, robot: RobotConfig, window: int) -> None:
-        response = np.array(model.coefficients, dtype=np.float64).reshape(TAPS, -1, 3)
+    def __init__(
+        self,
+        model: BaseModel,
+        robot: RobotConfig,
+        window: int,
+        *,
+        false_contacts: float,
+        adapt: bool,
+    ) -> None:
+        response = np.array(model.coefficients, dtype=np.float64).reshape(TAPS, -1, len(OUTPUTS))
         # The load enters by its change over the response: accelerations of the limbs move the base, weight does not.
         response[-1, 3:] -= response[:, 3:].sum(axis=0)
         self._response = response
-        self._standing, self._driving = np.array(model.standing), np.array(model.driving)
+        self._identified = [
+            np.maximum(np.array(spread), MIN_SPREADS)
+            for spread in (model.still, model.moving, model.driving)
+        ]
+        self._factor, self._adapt = threshold_factor(false_contacts), adapt
         self._legs = np.array(leg_indices(robot), dtype=np.int64)
         self._inverse = np.array(robot.wheels.inverse, dtype=np.float64, order="C")
         self._window, self._standing_delay = window, TAPS + round(POST_DRIVE_TIME / robot.cycle)
-        self._no_residual = np.zeros(3)
-        self._respond, self._select_axis = _respond.load(), _select_axis.load()
+        self._still_delay = round(MOTION_MEMORY / robot.cycle)
+        self._pace = robot.cycle / LEVEL_TIME
+        self._respond, self._compare = _respond.load(), _compare.load()
+        self._judge, self._learn = _judge_base.load(), _learn_base.load()
         self.reset()
 
     def reset(self) -> None:
         """Forget everything but the model."""
         self._inputs = np.zeros(self._response.shape[:2])
-        self._median = RunningMedian(self._window, 3)
+        self._median = RunningMedian(self._window, len(OUTPUTS))
+        self._level = np.full(3, np.nan)
+        self._spreads = [
+            make_records(SpreadState, len(OUTPUTS), identified=spread, today=spread)
+            for spread in self._identified
+        ]
+        self.phase = 0
         self._count = 0
-        self._standing_ticks = self._standing_delay
+        self._standing_ticks, self._still_ticks = self._standing_delay, self._still_delay
         self._blind = 0
         self._axis = 0
+        self.filtered = np.zeros(len(OUTPUTS))
 
     def step(self, tick: Tick, late: bool) -> tuple[float, float]:
         """Take in one tick; return the residual before and after the filter, NaN while it cannot be judged.
@@ -133,37 +223,58 @@ class BaseGenerator:
             late: True if its sample is late: the response is computed for the present time only.
         """
         error = self._error(tick)
-        seen = all(map(math.isfinite, error.tolist()))
+        seen = bool(np.isfinite(error).all())
         if late or self._count < TAPS or not seen:
             self._blind = self._window
-        stands = self._standing_ticks >= self._standing_delay
-        # The median must take in a number: a NaN would spoil the whole window.
-        ratio = self._no_residual
-        if seen:
-            ratio = error / (self._standing if stands else self._driving)
-        filtered = self._median.push(ratio)
+        if not seen:
+            # The median must take in a number: a NaN would spoil the whole window.
+            error = np.zeros(len(OUTPUTS))
+        self.filtered = self._median.push(error)
+        driving = self._standing_ticks < self._standing_delay
+        self.phase = 2 if driving else int(self._still_ticks < self._still_delay)
         if self._blind:
             self._blind -= 1
             return np.nan, np.nan
-        self._axis = self._select_axis(filtered, self._axis)
-        return float(ratio[self._axis]), float(filtered[self._axis])
+        spreads = self._spreads[self.phase]
+        self._axis, filtered = self._judge(self.filtered, spreads, self._factor, self._axis)
+        _, raw = self._judge(error, spreads, self._factor, self._axis)
+        return raw, filtered
+
+    def learn(self) -> None:
+        """Learn from the last tick, in which no part of the robot was touched."""
+        if self._adapt and not self._blind:
+            self._learn(self._spreads[self.phase], self.filtered, MIN_SPREADS)
 
     def _error(self, tick: Tick) -> FloatArray:
-        """Take in a tick; return the (3,) predicted minus the measured twist."""
-        error = np.empty(3)
+        """Take in a tick; return the (6,) predicted minus the measured outputs."""
+        measurement, error = tick.measurement, np.empty(len(OUTPUTS))
         fastest = self._respond(
             self._inputs,
             self._count,
             contiguous(tick.sent.wheel_speed),
-            contiguous(tick.measurement.wheel_speed),
             contiguous(tick.reference.load_torque),
             self._legs,
             self._inverse,
             self._response,
             error,
         )
+        predicted = error.copy()
+        inertial = np.empty(3)
+        inertial[0] = measurement.imu.angular_velocity[2]
+        inertial[1:] = measurement.imu.acceleration[:2]
+        self._compare(
+            predicted,
+            contiguous(measurement.wheel_speed),
+            self._inverse,
+            inertial,
+            self._pace,
+            self._level,
+            error,
+        )
         self._count += 1
         self._standing_ticks = self._standing_ticks + 1 if fastest < STANDSTILL_SPEED else 0
+        slow = np.abs(tick.reference.velocity).max() < SLOW_SPEED
+        self._still_ticks = self._still_ticks + 1 if slow else 0
         return error
 
 
