@@ -6,7 +6,7 @@ import json
 import logging
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -21,7 +21,6 @@ from pepper_driver.observer.detection.chain_isolation import ChainTrackers
 from pepper_driver.observer.detection.excursions import Onset, ResidualHistory
 from pepper_driver.observer.interface import (
     Contact,
-    HandLoad,
     JointState,
     Observation,
     Observer,
@@ -32,7 +31,7 @@ from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.model_file import ModelSet, predict_recording
 from pepper_driver.observer.models.tree import AffineTree, CartTree
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.residuals.fusion import FusionGenerator
+from pepper_driver.observer.residuals.fusion import FusionGenerator, FusionParts
 from pepper_driver.observer.residuals.mobile_base import BaseGenerator
 from pepper_driver.observer.residuals.momentum import MomentumGenerator
 from pepper_driver.observer.residuals.paper import PaperGenerator
@@ -77,13 +76,11 @@ class ObserverParts:
     """Stages of mode ``fusion`` that can be left out or replaced, to compare it with itself; by default all are there.
 
     Attributes:
-        hands: False for no estimate of the loads of the hands.
-        alter: Function that returns a generator to use in place of the one made, such as one around it.
+        residual: Parts of the residual.
         tracker: Function that makes the tracker.
     """
 
-    hands: bool = True
-    alter: Callable[[ResidualGenerator], ResidualGenerator] | None = None
+    residual: FusionParts = field(default_factory=FusionParts)
     tracker: Callable[[RobotConfig, ObserverSettings, Onset], Tracker] = BodyTracker
 
 
@@ -179,11 +176,6 @@ class ContactObserver(Observer):
     def worn(self) -> tuple[str, ...]:
         """Joints that this session shows to be worn since their identification; mode ``fusion`` only."""
         return self._worn
-
-    @property
-    def hand_loads(self) -> dict[str, HandLoad]:
-        """Load of each hand beyond the robot's description, by arm; mode ``fusion`` only."""
-        return self._generator.hand_loads
 
     def _check_wear(self) -> None:
         """Warn once a session about each joint that has worn."""
@@ -340,6 +332,7 @@ def _make_generator(
             false_contacts=settings.false_contacts,
             limbs=limb_numbers(robot),
             base=base,
+            parts=parts.residual,
             motor_torque=np.array(
                 [
                     robot.motors.of(name).stall_torque * robot.motors.joints[name].ratio
@@ -347,8 +340,6 @@ def _make_generator(
                 ]
             ),
         )
-        if parts.alter is not None:
-            generator = parts.alter(generator)
         return generator, window
     trees = [model if isinstance(model, CartTree | AffineTree) else None for model in of_joint]
     threshold = np.array(

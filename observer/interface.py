@@ -14,22 +14,6 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.contact_selector import Kind
 from pepper_driver.controller.tick import Tick
 
-
-@dataclass(frozen=True, kw_only=True)
-class HandLoad:
-    """Load of one hand.
-
-    Attributes:
-        mass: [kg]; below 0 where the masses of the robot are less than those of its description.
-        mass_std: Its standard deviation [kg].
-        first_moment: (3,) m c in the axes of the link that carries the hand [kg m].
-    """
-
-    mass: float
-    mass_std: float
-    first_moment: tuple[float, float, float]
-
-
 Phase = Literal["begin", "update", "end"]
 Direction = Literal[-1, 1]
 
@@ -182,11 +166,6 @@ class StaticGeneratorMixin:
         """(n,) False: wear is not estimated."""
         return np.zeros(len(self.no_model), dtype=np.bool_)
 
-    @property
-    def hand_loads(self) -> dict[str, HandLoad]:
-        """Empty: loads are not estimated."""
-        return {}
-
     def learn(
         self, residuals: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
     ) -> None:
@@ -211,11 +190,6 @@ class ResidualGenerator(Protocol):
     @property
     def worn(self) -> BoolArray:
         """(n,) joints that this session shows to be worn since their identification."""
-        ...
-
-    @property
-    def hand_loads(self) -> dict[str, HandLoad]:
-        """Estimated loads of the hands, by arm; empty in modes without this estimate."""
         ...
 
     def learn(

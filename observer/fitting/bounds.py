@@ -31,8 +31,12 @@ def free_residual(joint: str, recording: Recording, model: JointModel, window: i
     It is NaN where the window has a sample that does not count (:func:`fit_samples`), or one before the beginning.
     """
     index = recording.joint_names.index(joint)
+    counts = fit_samples(recording, index)
+    if isinstance(model, FusionModel):
+        models = [model if name == joint else None for name in recording.joint_names]
+        return np.where(counts, _play(models, recording, window)[0][:, index], np.nan)
     residual = recording.tracking_error(index) - predict_recording(model, joint, recording)
-    residual = np.where(fit_samples(recording, index), residual, np.nan)
+    residual = np.where(counts, residual, np.nan)
     filtered = np.full(len(residual), np.nan)
     if len(residual) >= window:
         windows = np.lib.stride_tricks.sliding_window_view(residual, window)
@@ -69,7 +73,6 @@ MOMENTUM_WINDOW = 11
 def fit_spreads(
     models: Mapping[str, FusionModel],
     calibration: Sequence[Recording],
-    cycle: float,
     *,
     window: int,
 ) -> dict[str, FusionModel]:
@@ -81,30 +84,22 @@ def fit_spreads(
     Args:
         models: By joint.
         calibration: Recordings of free whole-body motion.
-        cycle: Period of the ticks [s].
         window: Samples of the median.
 
     Raises:
         FittingError: A joint has no sample that counts.
     """
-    names = calibration[0].joint_names
+    names, cycle = calibration[0].joint_names, calibration[0].cycle
     ordered = [models.get(name) for name in names]
     residuals, phases = [], []
     for recording in calibration:
-        generator = FusionGenerator(ordered, cycle, window=window, false_contacts=1.0, adapt=False)
-        free, settled = np.ones(len(names), dtype=bool), np.zeros(len(names), dtype=bool)
-        rows, moving = [], []
-        for tick in recording.ticks():
-            made = generator.step(tick)
-            rows.append(made.residual)
-            moving.append(generator.moving)
-            generator.learn(made, free, settled, True)
-        residual = np.abs(np.array(rows))
+        played, moving = _play(ordered, recording, window)
+        residual = np.abs(played)
         residual[: round(START_UP_TIME / cycle)] = np.nan
         for joint in range(len(names)):
             residual[~in_working_range(recording, joint), joint] = np.nan
         residuals.append(residual)
-        phases.append(np.array(moving))
+        phases.append(moving)
     momentum_maxima = _momentum_maxima(ordered, calibration, cycle)
     residual, moves = np.concatenate(residuals), np.concatenate(phases)
     result = dict(models)
@@ -118,6 +113,24 @@ def fit_spreads(
                 or models[name].momentum_bound,
             )
     return result
+
+
+def _play(
+    models: Sequence[FusionModel | None], recording: Recording, window: int
+) -> tuple[FloatArray, BoolArray]:
+    """Return the (n, N) residuals of a run as in use [rad], and (n, N) where joints were to move."""
+    count = len(models)
+    generator = FusionGenerator(
+        models, recording.cycle, window=window, false_contacts=1.0, adapt=False
+    )
+    free, settled = np.ones(count, dtype=np.bool_), np.zeros(count, dtype=np.bool_)
+    residuals, moving = [], []
+    for tick in recording.ticks():
+        made = generator.step(tick)
+        residuals.append(made.residual)
+        moving.append(generator.moving)
+        generator.learn(made, free, settled, True)
+    return np.array(residuals), np.array(moving)
 
 
 def _spread(joint: str, residual: FloatArray, moves: BoolArray) -> tuple[float, float]:

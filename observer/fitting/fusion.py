@@ -132,7 +132,7 @@ def fit_fusion(
     models |= {joint: models[source] for joint, source in shared.items()}
     drives = [recording for recording in calibration if np.any(recording.sent_wheel_speed)]
     base = fit_base(robot, drives, window=window) if drives else None
-    return fit_spreads(models, calibration, robot.cycle, window=window), base
+    return fit_spreads(models, calibration, window=window), base
 
 
 def _joined(parts: Sequence[_SimulatedRun]) -> _SimulatedRun:

@@ -9,11 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pepper_driver.config import load_observer_settings
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.residuals.fusion import FusionGenerator
 
 WORKING_ERROR = 0.2
 """[rad] No lag at the speeds of an identification is as large: recorded joints fall behind at 0.3 rad and more."""
@@ -75,21 +72,6 @@ def in_working_range(recording: Recording, index: int) -> BoolArray:
     if clipped is not None:
         within &= ~extended(clipped.samples, recording.cycle, 0.0, SETTLING_TIME)
     return within
-
-
-def doubtful_samples(recording: Recording, joint: str, model: FusionModel) -> BoolArray:
-    """Return the (n,) samples in which a joint is in doubt, as in use, and those up to FALLING_TIME before."""
-    index = recording.joint_names.index(joint)
-    models = [model if name == joint else None for name in recording.joint_names]
-    window = load_observer_settings().fusion_window
-    generator = FusionGenerator(models, recording.cycle, window=window, adapt=False)
-    free, settled = np.ones(len(models), np.bool_), np.zeros(len(models), np.bool_)
-    doubtful = np.zeros(len(recording), np.bool_)
-    for k, tick in enumerate(recording.ticks()):
-        made = generator.step(tick)
-        generator.learn(made, free, settled, True)
-        doubtful[k] = made.doubtful is not None and made.doubtful[index]
-    return extended(doubtful, recording.cycle, FALLING_TIME, 0.0)
 
 
 def extended(samples: BoolArray, cycle: float, before: float, after: float) -> BoolArray:

@@ -365,6 +365,25 @@ class _Detail:
     threshold: FloatArray
 
 
+@dataclass(frozen=True, kw_only=True)
+class FusionParts:
+    """Parts of the residual that can be left out, to compare it with itself; by default all are there.
+
+    Attributes:
+        model: False for the residual by the current alone, where there is one.
+        current: False for the residual by the stick-slip model alone.
+        limbs: False to judge each joint alone.
+        confirmation: False for thresholds of limbs that a push on the base does not lower.
+        bias: False for no bias.
+    """
+
+    model: bool = True
+    current: bool = True
+    limbs: bool = True
+    confirmation: bool = True
+    bias: bool = True
+
+
 class FusionGenerator:
     """Residual on which two channels must agree, filtered by a short running median.
 
@@ -391,6 +410,7 @@ class FusionGenerator:
         limbs: (n,) number of the limb of each joint; None to judge each joint alone.
         base: Residual of the base, None without a model of it.
         motor_torque: (n,) largest torque of the motors, at the joints [N m].
+        parts: That it has.
     """
 
     def __init__(
@@ -404,8 +424,10 @@ class FusionGenerator:
         limbs: IntArray | None = None,
         base: BaseGenerator | None = None,
         motor_torque: FloatArray | float = math.inf,
+        parts: FusionParts = FusionParts(),
     ) -> None:
         n = len(models)
+        self._parts = parts
         self._cycle, self._window, self._adapt = cycle, window, adapt
         self._base = base
         self._predictor = ErrorPredictor(models, cycle)
@@ -421,7 +443,7 @@ class FusionGenerator:
             adapt=adapt,
         )
         self.bounds = self._threshold.bounds
-        self._limbs = np.arange(n) if limbs is None else limbs
+        self._limbs = limbs if limbs is not None and parts.limbs else np.arange(n)
         self._limb_count = int(self._limbs.max()) + 1
         self._torque = TorqueEstimate(
             models,
@@ -486,6 +508,10 @@ class FusionGenerator:
         # A late sample is the response to an older command.
         prediction = self._predictor.before(late_ticks)
         channels, count = self._residuals(prediction, measured, current, good)
+        if not self._parts.model:
+            channels[:n] = channels[n:]
+        if not self._parts.current:
+            channels[n:] = channels[:n]
         bad = None
         if count < n:
             bad = ~good
@@ -534,7 +560,7 @@ class FusionGenerator:
             self._base_quiet = 0
         else:
             self._base_quiet += 1
-        if not self._confirming:
+        if not self._confirming or not self._parts.confirmation:
             return 1.0
         self._confirming -= 1
         return CONFIRMING_RATIO
@@ -620,7 +646,7 @@ class FusionGenerator:
         """Learn from a tick, once its events are known; see :class:`ResidualGenerator`."""
         detail, residual, blind = residuals.detail, residuals.residual, residuals.blind
         assert isinstance(detail, _Detail)
-        n = len(residual)
+        n, learns_bias = len(residual), self._adapt and self._parts.bias
         self._settle(settled, blind, detail.measured)
         seen, resting = np.empty(n, np.bool_), np.empty(n, np.bool_)
         self._judge(
@@ -630,7 +656,7 @@ class FusionGenerator:
             free,
             blind,
             detail.limited,
-            self._cycle / BIAS_TIME if self._adapt and untouched else 0.0,
+            self._cycle / BIAS_TIME if learns_bias and untouched else 0.0,
             self._bias,
             seen,
             resting,

@@ -32,6 +32,7 @@ from pepper_driver.observer import (
     nrmse_fit,
     predict_recording,
 )
+from pepper_driver.observer.detection.threshold import threshold_factor
 from pepper_driver.observer.fitting.samples import in_working_range
 
 

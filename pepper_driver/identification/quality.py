@@ -17,7 +17,6 @@ from pepper_driver.observer.fitting.bounds import free_residual
 from pepper_driver.observer.fitting.samples import (
     WORKING_ERROR,
     clipped_current,
-    doubtful_samples,
 )
 from pepper_driver.observer.fitting.stick_slip import bounded_constants
 from pepper_driver.observer.recording import STALE_AGE
@@ -32,7 +31,6 @@ Kind = Literal[
     "bound",
     "behind",
     "blind",
-    "doubtful",
     "weight",
 ]
 
@@ -236,7 +234,9 @@ def _bursts(
     joint: str, names: Sequence[str], runs: Sequence[Recording], model: JointModel
 ) -> list[Finding]:
     """Find runs with a much larger residual than the others: a person touched the robot."""
-    window = load_observer_settings().median_window
+    settings = load_observer_settings()
+    fused = isinstance(model, FusionModel)
+    window = settings.fusion_window if fused else settings.median_window
     residuals = [np.abs(free_residual(joint, run, model, window)) for run in runs]
     largest = np.array([np.fmax.reduce(residual, initial=0.0) for residual in residuals])
     if len(runs) < 4 or not (largest > 0).all():
@@ -256,9 +256,5 @@ def _bursts(
                 f"{np.degrees(largest[number]):.1f} deg, {np.degrees(usual):.1f} deg is usual"
             )
             text = f"looks as if it was touched {size}"
-            kind: Kind = "contact"
-            if isinstance(model, FusionModel) and doubtful_samples(run, joint, model)[sample]:
-                text = f"rests off its command, and its motor does not work against that, {size}"
-                kind = "doubtful"
-            found.append(Finding(kind=kind, joint=joint, run=name, text=text))
+            found.append(Finding(kind="contact", joint=joint, run=name, text=text))
     return found

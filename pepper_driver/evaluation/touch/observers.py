@@ -18,7 +18,7 @@ from pepper_driver.config import (
     RobotConfig,
     load_observer_settings,
 )
-from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray
+from pepper_driver.config.arrays import FloatArray, IntArray
 from pepper_driver.config.errors import ArgumentError, check_name
 from pepper_driver.config.evaluation_baselines import (
     STATIC_BASELINES,
@@ -48,7 +48,7 @@ from pepper_driver.observer import (
 )
 from pepper_driver.observer.contact_observer import ObserverParts
 from pepper_driver.observer.detection.chain_isolation import ChainTrackers
-from pepper_driver.observer.interface import HandLoad, ResidualGenerator, Residuals
+from pepper_driver.observer.residuals.fusion import FusionParts
 
 # -- names ------------------------------------------------------------------------------------------------------------
 
@@ -69,13 +69,14 @@ BASELINES = (
 ABLATIONS = tuple(
     f"{FUSION}-without-{part}"
     for part in (
-        "twin",
-        "momentum",
+        "model",
+        "current",
         "tree",
+        "bias",
         "adaptation",
-        "hands",
+        "limbs",
         "base",
-        "adaptive-threshold",
+        "confirmation",
         "isolation",
     )
 )
@@ -149,7 +150,8 @@ def make(
                 factor = (baselines or load_evaluation_baselines()).factors[baseline]
         return _static(baseline, factor, robot, models, fusion, settings)
     if name == MOMENTUM_ADAPTIVE:
-        return ContactObserver(robot, _changed(fusion, _momentum_at_its_bound), settings)
+        alone = ObserverParts(residual=FusionParts(model=False, limbs=False, confirmation=False))
+        return ContactObserver(robot, replace(fusion, base=None), settings, parts=alone)
     return _fusion(name, robot, fusion, settings)
 
 
@@ -217,20 +219,22 @@ def _fusion(
     """Return the observer of the project, whole or without a part."""
     parts = ObserverParts()
     match name.removeprefix(FUSION).removeprefix("-without-"):
-        case "twin":
-            models = _changed(models, lambda m: replace(m, weight=(0.0, 0.0)))
-        case "momentum":
-            models = _changed(models, lambda m: replace(m, weight=(1.0, 1.0)))
+        case "model":
+            parts = ObserverParts(residual=FusionParts(model=False))
+        case "current":
+            parts = ObserverParts(residual=FusionParts(current=False))
         case "tree":
             models = _changed(models, lambda m: replace(m, remainder=_NO_REMAINDER))
-        case "adaptation":  # and with it loads of hands and the envelope of the threshold
+        case "bias":
+            parts = ObserverParts(residual=FusionParts(bias=False))
+        case "adaptation":  # bias and spreads
             settings = replace(settings, adapt=False)
-        case "hands":
-            parts = ObserverParts(hands=False)
+        case "limbs":
+            parts = ObserverParts(residual=FusionParts(limbs=False))
         case "base":
             models = replace(models, base=None)
-        case "adaptive-threshold":
-            parts = ObserverParts(alter=ConstantThreshold)
+        case "confirmation":
+            parts = ObserverParts(residual=FusionParts(confirmation=False))
         case "isolation":
             parts = ObserverParts(tracker=ChainTrackers)
     return ContactObserver(robot, models, settings, parts=parts)
@@ -260,47 +264,6 @@ def _changed(models: ModelSet, change: Callable[[FusionModel], FusionModel]) -> 
         if isinstance(model, FusionModel)
     }
     return replace(models, models=joints)
-
-
-def _momentum_at_its_bound(model: FusionModel) -> FusionModel:
-    return replace(model, weight=(0.0, 0.0), bound=constant_tree(model.momentum_bound))
-
-
-class ConstantThreshold:
-    """Generator whose thresholds are the largest identified ones of the generator ``inner``, in each tick.
-
-    All else is that of ``inner``: it still adapts what it adapts.
-    """
-
-    def __init__(self, inner: ResidualGenerator) -> None:
-        self._inner = inner
-        self.no_model, self.bounds = inner.no_model, inner.bounds
-
-    def step(self, tick: Tick) -> Residuals:
-        """Take in one tick."""
-        residuals = self._inner.step(tick)
-        threshold = np.where(residuals.blind, np.nan, self.bounds)
-        return replace(residuals, threshold=threshold)
-
-    @property
-    def worn(self) -> BoolArray:
-        """(n,) joints that are worn."""
-        return self._inner.worn
-
-    @property
-    def hand_loads(self) -> dict[str, HandLoad]:
-        """Estimated loads of the hands, by arm."""
-        return self._inner.hand_loads
-
-    def learn(
-        self, residuals: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
-    ) -> None:
-        """Learn from a tick."""
-        self._inner.learn(residuals, free, settled, untouched)
-
-    def reset(self) -> None:
-        """Forget everything but the models."""
-        self._inner.reset()
 
 
 # -- watching ---------------------------------------------------------------------------------------------------------
