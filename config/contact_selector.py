@@ -14,8 +14,13 @@ from pepper_driver.config.loading import STRICT
 from pepper_driver.config.mistakes import in_words
 from pepper_driver.config.robot import RobotConfig
 
-Kind = Literal["contact", "collision", "rebound"]
-"""``collision`` is a hard contact; ``rebound`` is the swing of a joint back after a contact."""
+Kind = Literal["contact", "collision", "push", "hold", "grip", "tap", "double tap", "rebound"]
+"""A contact begins as ``contact``, or as ``collision`` where it is hard. It becomes a ``push`` when it lasts longer than
+a tap, a ``hold`` when it lasts for seconds, a ``grip`` when it pulls both ways. A ``tap``, and a second one as
+``double tap``, is known at its end. ``rebound`` is the swing of a joint back after a contact, and no touch."""
+
+KNOWN_AT_END: tuple[Kind, ...] = ("tap", "double tap")
+"""Kinds of a contact that its end reports first."""
 
 MAX_INTENSITY_DEG = 180.0
 """Largest ``min_intensity_deg`` [deg]."""
@@ -66,7 +71,7 @@ class ContactSelector:
             :attr:`RobotConfig.limbs`: ``left_arm``, ``right_arm``, ``head`` and ``trunk``, which includes the base.
         link: Only contacts on one of these links.
         joint: Only contacts detected by one of these joints.
-        kind: Only this kind. None takes contacts and collisions: a rebound is no touch.
+        kind: Only this kind, once it is known. None takes all but rebounds, which are no touch.
         min_intensity_deg: Only contacts of at least this intensity [deg].
         min_torque: Only contacts whose estimated torque on their joint is at least this, in either direction [N m].
             Contacts on the trunk, and those of an observer that estimates no torques, have none.

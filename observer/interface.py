@@ -32,7 +32,7 @@ class Contact:
         id: Number of the contact; its begin, updates and end share it.
         phase: ``begin``, ``update`` or ``end``. An update comes at once when kind, place or direction change. When only
             intensity or torque change, it comes ``update_period`` (settings) or more after the previous event.
-        kind: ``contact``; ``collision`` for a hard contact; ``rebound`` when the joint only swings back after one.
+        kind: :data:`~pepper_driver.config.contact_selector.Kind`, as far as it is known.
         limb: ``left_arm``, ``right_arm``, ``head`` or ``trunk``, which includes the base.
         joint: The last joint of the chain that detects it; None for trunk and base.
         link: The link that this joint carries.

@@ -37,6 +37,18 @@ REISOLATION_TIMES = (0.05, 0.15)
 TRUNK_REPORT_DELAY = 0.1
 """[s] The base often detects a push on a limb first, and the limb detects it within this time."""
 
+TAP_TIME = 0.35
+"""[s] A contact that is over sooner was a tap."""
+
+DOUBLE_TAP_TIME = 0.8
+"""[s] from the end of a tap to the beginning of another one that makes it a double tap."""
+
+HOLD_TIME = 2.0
+"""[s] after which a push is a hold."""
+
+GRIP_TIME = 0.5
+"""[s] from the end of a push to the beginning of one the other way: the same hand pulls and pushes."""
+
 TRUNK_LINK = "torso"
 """Link of a contact that a joint of the legs detects: most of the surface above it belongs to the trunk."""
 
@@ -73,6 +85,8 @@ class _Limb:
         self.monitors = tuple(monitors)
         self.ratios: deque[list[float]] = deque(maxlen=RATIO_MEMORY)
         self.contact: BodyContact | None = None
+        self.last: BodyContact | None = None
+        self.last_end = 0.0
         self.explained = False
 
     def live(self) -> list[Excursion]:
@@ -91,7 +105,9 @@ class BodyTracker:
     - A contact that begins on the trunk is reported TRUNK_REPORT_DELAY later. If a limb detects it until then, it is
       reported on that limb at once. If a limb detects it later, within the last of REISOLATION_TIMES, it moves there
       and keeps its id.
-    - A contact becomes a ``collision`` when a residual exceeds ``collision_factor`` times its threshold.
+    - A contact becomes a ``collision`` when a residual exceeds ``collision_factor`` times its threshold; a ``push``
+      after TAP_TIME, a ``hold`` after HOLD_TIME. One that ends before was a ``tap``, or a ``double tap``. A push that
+      follows one the other way is a ``grip``.
     - A limb that swings back after its contact causes a ``rebound``, with an id of its own.
     - A touch that begins on the remnant of another (:class:`JointMonitor`) ends that contact and begins one.
 
@@ -125,7 +141,7 @@ class BodyTracker:
         self._next_id = count(1).__next__
         self._idle = True
         for limb in self._limbs.values():
-            limb.contact, limb.explained = None, False
+            limb.contact, limb.last, limb.explained = None, None, False
             limb.ratios.clear()
             for monitor in limb.monitors:
                 monitor.reset()
@@ -154,7 +170,11 @@ class BodyTracker:
             Events in their order.
         """
         self._residuals = residuals
-        residual = [*residuals.residual.tolist(), residuals.base_residual]
+        base, swinging = residuals.base_residual, self._trunk.monitors[0].excursion
+        if swinging is not None and swinging.kind != "rebound":
+            # A pushed base swings: what follows is no push the other way.
+            base = math.copysign(base, swinging.sign)
+        residual = [*residuals.residual.tolist(), base]
         threshold, band = (
             [*residuals.threshold.tolist(), 1.0],
             [*residuals.friction_band.tolist(), 0.0],
@@ -277,6 +297,13 @@ class BodyTracker:
         limb.contact = None
         if contact.number is None:
             self._report(contact, "begin", time, events)
+        if contact.kind == "contact" and end - contact.onset_time <= TAP_TIME:
+            before = limb.last
+            twice = before is not None and before.kind == "tap"
+            twice = twice and contact.onset_time - limb.last_end <= DOUBLE_TAP_TIME
+            contact.kind = "double tap" if twice else "tap"
+        if contact.kind != "rebound":
+            limb.last, limb.last_end = contact, end
         # The residual fell before the end is known; an end must not precede an event that was reported since.
         self._report(contact, "end", max(end, contact.report_time), events)
 
@@ -302,6 +329,16 @@ class BodyTracker:
         if all(excursion.kind == "rebound" for excursion in over):
             contact.kind = "rebound"
         self._locate(limb, contact, over)
+        last = limb.last
+        if (
+            contact.kind == "contact"
+            and last is not None
+            and last.kind in ("push", "hold", "grip")
+            and last.sign == -contact.sign
+            and last.joint == contact.joint
+            and first - limb.last_end <= GRIP_TIME
+        ):
+            contact.kind = "grip"
         if limb is not trunk or contact.kind == "rebound":
             self._report(contact, "begin", time, events)
 
@@ -321,6 +358,11 @@ class BodyTracker:
             self._locate(limb, contact, over)
         if contact.kind == "contact" and any(e.kind == "collision" for e in over):
             contact.kind = "collision"
+        lasted = time - contact.onset_time
+        if contact.kind == "contact" and lasted > TAP_TIME:
+            contact.kind = "push"
+        elif contact.kind == "push" and lasted > HOLD_TIME:
+            contact.kind = "hold"
         for excursion in over:
             if excursion.joint == contact.joint or (
                 limb is self._trunk and excursion.joint < len(self._names)

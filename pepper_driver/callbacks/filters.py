@@ -8,7 +8,7 @@ from typing import Any, TypedDict, get_args
 
 from pepper_driver.callbacks.events import TickEvent
 from pepper_driver.config import PepperError, RobotConfig, UnknownNameError
-from pepper_driver.config.contact_selector import ContactSelector, Kind, SelectorError
+from pepper_driver.config.contact_selector import KNOWN_AT_END, ContactSelector, Kind, SelectorError
 from pepper_driver.config.errors import shown
 from pepper_driver.observer.interface import Contact, Phase
 
@@ -81,12 +81,12 @@ def selector_filter(
     def predicate(contact: Contact) -> bool:
         if contact.phase == "begin":
             begun.add(contact.id)
-        elif contact.phase == "end":
+        elif contact.phase == "end" and selector.kind not in KNOWN_AT_END:
             begun.discard(contact.id)
         picked = (contact.id in begun if phase == "begin" else in_phase(contact)) and meets(
             contact, selector
         )
-        if picked:
+        if picked or contact.phase == "end":
             begun.discard(contact.id)
         return picked
 
