@@ -530,8 +530,10 @@ class FusionGenerator:
             base = self._base.step(tick, lost or late_ticks > 0)
             threshold *= self._confirmation(base[1])
         self._join_limbs(self._limbs, self._limb_count, filtered, threshold)
+        # Where both channels show a touch, neither knows its size better.
+        mean = 0.5 * (both[:n] + both[n:])
         torque, torque_std = self._torque.step(
-            filtered, prediction.friction, threshold, prediction.load_torque, current
+            mean, prediction.friction, threshold, prediction.load_torque, current
         )
         expected_error = prediction.target - prediction.position + prediction.remainder + self._bias
         if np.count_nonzero(blind):
