@@ -15,8 +15,8 @@ from pepper_driver.config.mistakes import in_words
 from pepper_driver.config.robot import RobotConfig
 
 Kind = Literal["contact", "collision", "push", "hold", "grip", "tap", "double tap", "rebound"]
-"""A contact begins as ``contact``, or as ``collision`` where it is hard. It becomes a ``push`` when it lasts longer than
-a tap, a ``hold`` when it lasts for seconds, a ``grip`` when it pulls both ways. A ``tap``, and a second one as
+"""A contact begins as ``contact``, or as ``collision`` where it is hard. It becomes a ``push`` when it lasts longer
+than a tap, a ``hold`` when it lasts for seconds, a ``grip`` when it pulls both ways. A ``tap``, and a second one as
 ``double tap``, is known at its end. ``rebound`` is the swing of a joint back after a contact, and no touch."""
 
 KNOWN_AT_END: tuple[Kind, ...] = ("tap", "double tap")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -46,15 +46,28 @@ class AttentiveSettings:
 
     Attributes:
         joints: That oscillate; their phases are spread evenly over the period in this order.
-        amplitude_deg: Of each [deg].
+        amplitude_deg: Of a joint whose friction is unknown [deg].
+        slide_deg: Part of the amplitude beyond the friction of a joint, where it is known [deg].
+        max_amplitude_deg: Of any joint [deg].
         frequency: [Hz]
         fade_time: From rest to the full amplitude, and back [s].
+        friction_deg: By joint whose friction was identified, the error at which it gives way [deg].
     """
 
     joints: list[str]
     amplitude_deg: Annotated[float, Field(ge=0, le=5)]
+    slide_deg: Annotated[float, Field(ge=0, le=5)]
+    max_amplitude_deg: Annotated[float, Field(ge=0, le=5)]
     frequency: Annotated[float, Field(gt=0, le=2)]
     fade_time: Annotated[float, Field(ge=0.5, le=60)]
+    friction_deg: dict[str, NonNegative] = field(default_factory=dict)
+
+    def amplitude(self, joint: str) -> float:
+        """Return the amplitude of a joint [rad]: a little more than its friction and half its backlash take away."""
+        if joint not in self.friction_deg:
+            return float(np.radians(self.amplitude_deg))
+        wanted = self.friction_deg[joint] + self.slide_deg
+        return float(np.radians(min(wanted, self.max_amplitude_deg)))
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -101,6 +114,11 @@ class ControllerSettings:
             for name, speed in speeds.items()
         }
         return replace(self, velocity_limit=self.velocity_limit | limits)
+
+    def with_friction(self, errors: Mapping[str, float]) -> Self:
+        """Return the settings for a robot whose joints give way at these tracking errors, by joint [rad]."""
+        friction = {name: float(np.degrees(error)) for name, error in errors.items()}
+        return replace(self, attentive=replace(self.attentive, friction_deg=friction))
 
     def joint_acceleration(self, robot: RobotConfig) -> FloatArray:
         """(17,) limits [rad/s2].

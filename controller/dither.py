@@ -8,7 +8,7 @@ a known sign.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, pi, radians, sin
+from math import cos, pi, sin
 
 import numpy as np
 
@@ -60,7 +60,7 @@ class Dither:
         for number, name in enumerate(settings.joints):
             joint = robot.joint_index(name)
             phase[joint] = 2.0 * pi * number / count
-            amplitude[joint] = radians(settings.amplitude_deg)
+            amplitude[joint] = settings.amplitude(name)
         self._phase, self._amplitude, self._dt = phase, amplitude, dt
         self._rate = 2.0 * pi * settings.frequency
         self._fade_rate = 1.0 / settings.fade_time

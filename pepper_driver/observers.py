@@ -18,6 +18,7 @@ from pepper_driver.config import (
 from pepper_driver.config.plugins import load_plugin, make_part, plugin_names
 from pepper_driver.observer import (
     ContactObserver,
+    FusionModel,
     ModelFileError,
     ModelKind,
     ModelSet,
@@ -190,6 +191,25 @@ def measured_robot(models: Path | ModelSet | None) -> MeasuredRobot | None:
     if models is None:
         return None
     return (models if isinstance(models, ModelSet) else ModelSet.load(models)).measured
+
+
+def friction_errors(models: Path | ModelSet | None) -> dict[str, float]:
+    """Return by joint the tracking error at which it gives way [rad]: friction at rest, and the board's dead band.
+
+    Args:
+        models: Those of the robot, or their file; None for none. Only those of kind ``fusion`` have friction.
+
+    Raises:
+        ModelFileError: The file is wrong.
+    """
+    if models is None:
+        return {}
+    known = models if isinstance(models, ModelSet) else ModelSet.load(models)
+    return {
+        joint: model.twin.friction * model.twin.breakaway + model.twin.dead_band
+        for joint, model in known.models.items()
+        if isinstance(model, FusionModel)
+    }
 
 
 def uri_with_measured_delay(uri: str, measured: MeasuredRobot | None) -> str:

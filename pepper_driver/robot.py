@@ -56,6 +56,7 @@ from pepper_driver.loop import Labelling, Loop
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.observers import (
     check_observer,
+    friction_errors,
     make_observer,
     measured_robot,
     uri_with_measured_delay,
@@ -179,10 +180,14 @@ class Pepper(CallbackRegistry):
             raise LogError(f"{self._log_path}: cannot be written (it is a folder)")
         self._about = _texts(about or {})
         self._controller_settings = controller or load_controller_settings(self.config)
-        if controller is None and measured is not None:
-            self._controller_settings = self._controller_settings.with_measured_speeds(
-                measured.speeds
+        if controller is None:
+            self._controller_settings = self._controller_settings.with_friction(
+                friction_errors(self._models)
             )
+            if measured is not None:
+                self._controller_settings = self._controller_settings.with_measured_speeds(
+                    measured.speeds
+                )
         make_solver(self._controller_settings.solver)  # now, and not once the robot is connected
         self._safety_settings = safety or load_safety_settings()
         self._changes = Changes()

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 from pepper_driver.backends.fields import Measurement
-from pepper_driver.config import RobotConfig
+from pepper_driver.config import ControllerSettings, RobotConfig, load_controller_settings
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.controller.tasks import PositionTask
 from pepper_driver.observer import JointState, Observation, Observer
+from pepper_driver.observers import friction_errors
 from pepper_driver.reflexes import Comply, Reflex, ReflexRequests, StopBase
 from pepper_driver.robot import Pepper
 
@@ -73,6 +75,10 @@ class State:
         """Return the reflexes of the robot."""
         return ()
 
+    def controller(self, models: Path | None) -> ControllerSettings | None:
+        """Return the settings of the controller of a robot with these models; None for the shipped ones."""
+        return None
+
     def begin(self, pepper: Pepper) -> None:
         """Start what it does, before the first tick."""
 
@@ -117,7 +123,11 @@ class AfterMotion(State):
 
 
 class Attentive(State):
-    """It stands attentive: as ``Pepper.attentive`` has it."""
+    """It stands attentive: as ``Pepper.attentive`` has it, with the robot's own models."""
+
+    def controller(self, models: Path | None) -> ControllerSettings | None:
+        """Return settings with the friction of its joints."""
+        return load_controller_settings(self.robot).with_friction(friction_errors(models))
 
     def begin(self, pepper: Pepper) -> None:
         """Switch it on."""

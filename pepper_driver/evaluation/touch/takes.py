@@ -187,7 +187,7 @@ def perform(spec: TakeSpec, models: Path | None) -> Performance:
 
     Args:
         spec: The take.
-        models: Of the observer in the loop, where the state has reflexes; None for none.
+        models: The robot's own, of the observer in the loop and of the friction of its joints; None for none.
 
     Raises:
         HeldOutDrawError: The robot is one for tests, and these are not allowed here.
@@ -255,6 +255,7 @@ class _Stage:
             models=own,
             reflexes=reflexes,
             robot=self._robot,
+            controller=self._state.controller(models),
             safety=safety,
         )
         self._builder = RecordingBuilder(self._robot)
