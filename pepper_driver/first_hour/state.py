@@ -15,7 +15,7 @@ from pydantic.dataclasses import dataclass
 
 from pepper_driver.backends import BackendInfo
 from pepper_driver.config import ConfigError, PepperError, RobotConfig
-from pepper_driver.config.errors import reason, short_reason
+from pepper_driver.config.errors import first_difference, reason, short_reason
 from pepper_driver.config.files import write_json
 from pepper_driver.config.loading import STRICT, parse
 from pepper_driver.config.parts import Positive
@@ -166,9 +166,9 @@ _COMPARED = {
     "plan": "by the plan with the hash",
     "weight": "with the weight",
     "label": "with the label",
-    "prompts": "with the prompts",
+    "prompts": "with prompts that ask for",
 }
-"""What must not change within an hour, and how to speak of it."""
+"""What must not change within an hour, and the words before its value."""
 
 
 def check_same_hour(there: FirstHour, asked: FirstHour, path: Path) -> None:
@@ -177,23 +177,10 @@ def check_same_hour(there: FirstHour, asked: FirstHour, path: Path) -> None:
     Raises:
         FirstHourError: It names what differs, and how to go on.
     """
-    for key, what in _COMPARED.items():
-        old, new = getattr(there, key), getattr(asked, key)
-        if old != new:
-            raise FirstHourError(
-                f"{path}: this hour was begun {what} {_shown(old)}, not {_shown(new)}; go on as it was begun, or "
-                f"{ANOTHER_FOLDER}"
-            )
-
-
-def _shown(value: object) -> str:
-    if isinstance(value, HeldWeight):
-        return f"{value.mass:g} kg at {value.link}"
-    if isinstance(value, TouchPrompts):
-        return f"that ask for {len(value.touches)} touches in {value.seconds:g} s"
-    if isinstance(value, tuple):
-        return ", ".join(map(str, value))
-    return "none" if value is None else str(value)
+    if difference := first_difference(there, asked, _COMPARED):
+        raise FirstHourError(
+            f"{path}: this hour was begun {difference}; go on as it was begun, or {ANOTHER_FOLDER}"
+        )
 
 
 def save_state(path: Path, hour: FirstHour) -> None:

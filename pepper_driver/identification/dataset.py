@@ -16,7 +16,7 @@ from pydantic.dataclasses import dataclass
 
 from pepper_driver.backends import Backend
 from pepper_driver.config import ConfigError, Experiment, PepperError, RobotConfig
-from pepper_driver.config.errors import reason
+from pepper_driver.config.errors import first_difference, reason
 from pepper_driver.config.files import content_hash, make_folder, write_json
 from pepper_driver.config.loading import STRICT, parse
 from pepper_driver.identification.measurements.friction import HeldWeight
@@ -120,7 +120,7 @@ _COMPARED = {
     "measured_by": "measuring",
     "weight": "with the weight",
 }
-"""What the runs depend on, and how to speak of it."""
+"""What the runs depend on, and the words before its value."""
 
 
 class RecordingFolderError(PepperError, ValueError):
@@ -262,14 +262,11 @@ def open_folder(folder: Path, manifest: Manifest) -> None:
         write_json(folder / MANIFEST, asdict(manifest))
         return
     there = read_manifest(folder)
-    for key, what in _COMPARED.items():
-        if key == "backend" and not there.simulated:
-            continue  # a real robot has an identity; its address may change
-        old, new = getattr(there, key), getattr(manifest, key)
-        if old != new:
-            raise RecordingFolderError(
-                f"{folder}: these recordings were made {what} {_shown(old)}, not {_shown(new)}; {_AGAIN}"
-            )
+    compared = dict(_COMPARED)
+    if not there.simulated:
+        del compared["backend"]  # a real robot has an identity; its address may change
+    if difference := first_difference(there, manifest, compared):
+        raise RecordingFolderError(f"{folder}: these recordings were made {difference}; {_AGAIN}")
     make_folder(folder)
 
 
@@ -361,11 +358,3 @@ def _of(
     manifest: Manifest, runs: dict[str, Recording], joint: str | None, role: Role
 ) -> tuple[Recording, ...]:
     return tuple(runs[run.name] for run in manifest.runs if (run.joint, run.role) == (joint, role))
-
-
-def _shown(value: object) -> str:
-    if isinstance(value, HeldWeight):
-        return f"{value.mass:g} kg at {value.link}"
-    if isinstance(value, tuple):
-        return ", ".join(map(str, value)) or "none"
-    return "none" if value is None else str(value)
