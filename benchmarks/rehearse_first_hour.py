@@ -237,7 +237,7 @@ TROUBLES = (
         cause=rest,
         code=1,
         told="stiffness|commands",
-        delay=8.0,
+        delay=12.0,
     ),
     Trouble(
         name="hot motor",
@@ -246,7 +246,7 @@ TROUBLES = (
         cause=fault("hot:LShoulderPitch,80"),
         code=1,
         told="LShoulderPitch",
-        delay=8.0,
+        delay=12.0,
         refused="cool",
     ),
     Trouble(
@@ -265,7 +265,7 @@ TROUBLES = (
         cause=lambda stand_in, command: command.process.kill(),
         code=-signal.SIGKILL,
         told="",
-        delay=8.0,
+        delay=12.0,
     ),
     Trouble(
         name="Ctrl-C",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -138,13 +139,15 @@ def first_hour(
         display=ConsoleDisplay(console),
         workers=workers or -1,
     )
-
-    def check(step: PlannedStep) -> None:
-        _print_step(console, step)
-        check_readiness(backend, robot, info.identity)
-
     hour = run_hour(
-        out, asked, hour_plan, steps.actions(), operator, check=check, show=console.print
+        out,
+        asked,
+        hour_plan,
+        steps.actions(),
+        operator,
+        introduce=partial(_print_step, console),
+        check=partial(check_readiness, backend, robot, info.identity),
+        show=console.print,
     )
     if not archive.exists():  # all steps were done before, and --pack names another file now
         steps.pack()

@@ -31,7 +31,8 @@ def run_hour(
     actions: Mapping[StepName, Action],
     operator: Operator,
     *,
-    check: Callable[[PlannedStep], None],
+    introduce: Callable[[PlannedStep], None],
+    check: Callable[[], None],
     show: Callable[[str], None],
 ) -> FirstHour:
     """Make all steps that are not done.
@@ -42,7 +43,9 @@ def run_hour(
         plan: What each step is.
         actions: By step.
         operator: Asked before each step in which the robot moves.
-        check: Called with such a step before the question; raises where the robot is not fit for it.
+        introduce: Shows such a step.
+        check: Called before the question and after the answer, which may come late; raises where the robot is not fit
+            to move.
         show: Prints a line.
 
     Returns:
@@ -67,8 +70,10 @@ def run_hour(
             step = plan.step(name)
             try:
                 if step.moves:
-                    check(step)
+                    introduce(step)
+                    check()
                     operator.confirm(f"Begin step '{name}'?")
+                    check()
                 begun = True
                 hour = hour.begun(name)
                 save_state(path, hour)

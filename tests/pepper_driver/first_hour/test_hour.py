@@ -47,7 +47,7 @@ def plan() -> HourPlan:
 
 
 class Robot:
-    """Steps without a robot: each writes a file of its own attempt, and may end early at three places.
+    """Steps without a robot: each writes a file of its own attempt, and may end early at four places.
 
     Args:
         folder: Of the hour.
@@ -56,19 +56,23 @@ class Robot:
 
     def __init__(self, folder: Path, ends: list[str]) -> None:
         self._folder, self._ends = folder, ends
-        self._now = "done"
+        self._now, self._answered = "done", False
         self.written: list[str] = []
         self.made: list[StepName] = []
         self.lines: list[str] = []
 
-    def check(self, step: PlannedStep) -> None:
+    def introduce(self, step: PlannedStep) -> None:
         self._now = self._ends.pop(0) if self._ends else "done"
-        if self._now == "check":
+        self._answered = False
+
+    def check(self) -> None:
+        if self._now == ("unfit later" if self._answered else "unfit"):
             raise FirstHourError("battery: 15%")
 
     def confirm(self, question: str) -> None:
         if self._now == "leaves":
             raise OperatorLeftError("no answer for 600 s")
+        self._answered = True
 
     def offer(self, question: str) -> bool:
         return False
@@ -99,6 +103,7 @@ class Robot:
             plan,
             self.actions(),
             self,
+            introduce=self.introduce,
             check=self.check,
             show=self.lines.append,
         )
@@ -107,7 +112,8 @@ class Robot:
 @examples(60)
 @given(
     ends=st.lists(
-        st.sampled_from(["check", "leaves", "stopped", "interrupted", "done"]), max_size=12
+        st.sampled_from(["unfit", "leaves", "unfit later", "stopped", "interrupted", "done"]),
+        max_size=12,
     )
 )
 def test_whatever_ends_it_early_the_same_command_comes_to_the_same_end(
@@ -146,6 +152,16 @@ def test_codes_say_whether_it_had_begun(plan: HourPlan, tmp_path: Path) -> None:
         Robot(tmp_path, ["done", "leaves"]).run(plan)
     assert raised.value.while_active
     assert load_state(tmp_path / STATE).next_step == "measure"
+
+
+def test_a_robot_that_is_unfit_by_the_time_of_the_answer_does_not_move(
+    plan: HourPlan, tmp_path: Path
+) -> None:
+    robot = Robot(tmp_path, ["unfit later"])
+    with pytest.raises(FirstHourError, match="battery"):
+        robot.run(plan)
+    assert not robot.written
+    assert load_state(tmp_path / STATE).step("doctor").progress == "open"
 
 
 def test_another_robot_and_a_second_command_are_refused(plan: HourPlan, tmp_path: Path) -> None:
