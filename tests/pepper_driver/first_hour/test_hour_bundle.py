@@ -169,6 +169,21 @@ def test_an_archive_writes_only_what_belongs_to_an_hour(whole: Path, tmp_path: P
         assert not (bundle.models.parent.parent / "evil.json").exists()
 
 
+@pytest.mark.parametrize("part", PLACES)
+def test_of_an_archive_only_what_was_asked_for_is_unpacked(
+    whole: Path, tmp_path: Path, part: Part
+) -> None:
+    path = zip_of(whole, tmp_path / "sent.zip")
+    with open_bundle(path, parts=[part]) as bundle:
+        folder = bundle.models.parent
+        there = {p.relative_to(folder) for p in folder.rglob("*") if p.is_file()}
+        assert there == {
+            p.relative_to(whole)
+            for p in whole.rglob("*")
+            if p.is_file() and p.relative_to(whole).parts[0] in (STATE, PLACES[part])
+        }
+
+
 @examples(60)
 @given(data=st.data())
 def test_a_damaged_archive_ends_in_one_line_or_reads(
