@@ -148,8 +148,8 @@ def plan_hour(
     seconds: dict[StepName, float] = {
         "doctor": doctor.inspection_time + doctor.motion + RESPONSE_TIME + 2 * settings.session,
         **{name: _with_sessions(made, settings) for name, made in runs.items()},
-        "rest": standing(settings.rest).longest_time + settings.session,
-        "free": free.longest_time + settings.session,
+        "rest": standing(settings.rest).max_length + settings.session,
+        "free": free.max_length + settings.session,
         "touches": SETTLE + asked.seconds + settings.session,
         "pack": 0.0,
     }

@@ -291,7 +291,7 @@ class RobotSteps:
         return {
             "false_contacts": len(links),
             "links": tuple(dict.fromkeys(links)),
-            "seconds": experiment.longest_time,
+            "seconds": experiment.max_length,
         }
 
     def touches(self) -> Mapping[str, Figure]:

@@ -255,7 +255,7 @@ def _run(
     plan = plan_experiment(experiment, robot, MockBackend(robot), seed=seed)
     seconds = sum(segment.ticks for segment in plan.segments) * robot.cycle
     if experiment.random_step is None:  # segments do not have the repetitions of a block
-        seconds = experiment.longest_time
+        seconds = experiment.max_length
     return IdentificationRun(
         name=name,
         joint=joint,
