@@ -196,6 +196,29 @@ def test_the_hour_is_an_hour_and_the_page_says_so(plan: HourPlan) -> None:
     assert sums[1] <= 15
 
 
+def test_the_page_says_how_long_touches_with_a_spring_scale_take() -> None:
+    plan = plan_hour(ROBOT, load_first_hour(), label="key", prompts="scale")
+    found = re.search(
+        r"`--prompts scale` the touches take (\d+) min of the robot and (\d+) min of your hands",
+        PAGE.read_text(),
+    )
+    assert found is not None
+    step = plan.step("touches")
+    assert tuple(map(int, found.groups())) == (ceil(step.robot / 60.0), ceil(step.hands / 60.0))
+
+
+def test_the_page_has_the_words_of_the_command(plan: HourPlan) -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    titles = re.findall(r"^\| \d \| `(\w+)` \| (.*?) \|", text, re.MULTILINE)
+    assert dict(titles) == {step.name: step.title for step in plan.steps}
+    rows = re.findall(r"^\| `(\w+)` \| (.*?) \| (.*?) \| (.*?) \| .* \|$", text, re.MULTILINE)
+    printed, before = {}, ""
+    for name, do, stop, normal in rows:
+        before = before if stop == "the same" else stop
+        printed[name] = (do, before, normal)
+    assert printed == {step.name: (step.do, step.stop, step.normal) for step in plan.steps}
+
+
 def test_nothing_in_the_plan_moves_legs_or_base(plan: HourPlan) -> None:
     legs = set(ROBOT.chains["legs"])
     for runs in plan.runs.values():
