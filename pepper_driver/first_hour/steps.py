@@ -20,8 +20,7 @@ from pepper_driver.backends.readiness import (
     refuse_failed,
 )
 from pepper_driver.config import Experiment, RobotConfig, load_safety_settings
-from pepper_driver.config.errors import reason
-from pepper_driver.config.files import OutputError
+from pepper_driver.config.files import set_aside
 from pepper_driver.config.workers import Workers
 from pepper_driver.controller import Tick
 from pepper_driver.doctor import examine, try_motion
@@ -325,23 +324,6 @@ class RobotSteps:
             f"archive: {self.archive}, {size:.0f} MB; look through it before you send it"
         )
         return {"megabytes": size}
-
-
-def set_aside(path: Path) -> None:
-    """Give a file another name, where there is one: an earlier attempt is not lost.
-
-    Raises:
-        OutputError: It cannot be renamed.
-    """
-    if not path.exists():
-        return
-    number = 1
-    while (other := path.with_name(f"{path.name}.early-{number}")).exists():
-        number += 1
-    try:
-        path.rename(other)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be renamed ({reason(error)})") from error
 
 
 def _median(values: Sequence[float]) -> float | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import logging
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, field
@@ -17,11 +18,13 @@ from pydantic.dataclasses import dataclass
 from pepper_driver.backends import Backend
 from pepper_driver.config import ConfigError, Experiment, PepperError, RobotConfig
 from pepper_driver.config.errors import first_difference, reason
-from pepper_driver.config.files import content_hash, make_folder, write_json
+from pepper_driver.config.files import content_hash, make_folder, set_aside, write_json
 from pepper_driver.config.loading import STRICT, parse
 from pepper_driver.identification.measurements.friction import HeldWeight
 from pepper_driver.identification.runs import IdentificationRun, Role, run_name
-from pepper_driver.observer import Recording
+from pepper_driver.observer import Recording, RecordingError
+
+logger = logging.getLogger("pepper_driver")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -299,6 +302,22 @@ def read_manifest(folder: Path) -> Manifest:
 def finished(folder: Path, names: Sequence[str]) -> tuple[str, ...]:
     """Return the runs that have a recording."""
     return tuple(name for name in names if recording_path(folder, name).exists())
+
+
+def set_damaged_aside(folder: Path, names: Sequence[str], robot: RobotConfig) -> None:
+    """Give recordings that cannot be read another name: then their runs are made again. A warning names each.
+
+    Raises:
+        OutputError: One cannot be renamed.
+    """
+    for name in finished(folder, names):
+        path = recording_path(folder, name)
+        try:
+            Recording.load(path, robot)
+        except RecordingError as error:
+            kept = set_aside(path)
+            found = str(error).partition("; ")[0]
+            logger.warning("%s; it is kept as %s, and the run is made again", found, kept)
 
 
 def load_measurement(folder: Path, robot: RobotConfig) -> dict[str, Recording]:

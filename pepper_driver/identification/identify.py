@@ -37,6 +37,7 @@ from pepper_driver.identification.dataset import (
     open_folder,
     read_manifest,
     recording_path,
+    set_damaged_aside,
 )
 from pepper_driver.identification.fit import (
     CLOSED_FORM,
@@ -286,7 +287,7 @@ def record_joints(
     confirm: Confirm | None = None,
     progress: Progress | None = None,
 ) -> IdentificationDataset:
-    """Drive each joint through its runs, then the whole body; what is in the folder already is not made again.
+    """Drive each joint through its runs, then the whole body; of these, what is in the folder whole is not made again.
 
     The robot itself is measured first, if asked for: the samples of the other runs are then paired with the commands
     that they answer, by the delay that was measured.
@@ -361,6 +362,7 @@ def _check_plant(experiment: Experiment, calibration: Experiment | None) -> None
 def fit_folder(
     folder: Path,
     kind: ModelKind,
+        set_damaged_aside(folder, [run.name for run in every], robot)
     *,
     compare: bool = True,
     mirror: bool = True,

@@ -15,6 +15,7 @@ from pepper_driver.backends import Backend
 from pepper_driver.cli.app import run
 from pepper_driver.config import ConfigError, PepperError, RobotConfig
 from pepper_driver.config.file_lock import InUseError, lock_folder
+from pepper_driver.config.files import set_aside
 from pepper_driver.config.first_hour import load_first_hour
 from pepper_driver.first_hour.hour import run_hour
 from pepper_driver.first_hour.operator import OperatorLeftError, TerminalOperator
@@ -29,7 +30,7 @@ from pepper_driver.first_hour.state import (
     load_state,
     save_state,
 )
-from pepper_driver.first_hour.steps import check_readiness, set_aside
+from pepper_driver.first_hour.steps import check_readiness
 from pepper_driver.identification.measurements.program import held_weight
 from pepper_driver.testing.faults import drained, heated
 from support.doctor import Patient

@@ -11,7 +11,7 @@ import yaml
 
 from pepper_driver.backends import BackendInfo
 from pepper_driver.cli.app import run
-from pepper_driver.config.files import write_json
+from pepper_driver.config.files import set_aside, write_json
 from pepper_driver.config.first_hour import load_first_hour
 from pepper_driver.config.loading import package_file, read_yaml
 from pepper_driver.doctor import Verdict, examine, try_motion
@@ -20,7 +20,6 @@ from pepper_driver.first_hour.bundle import ARCHIVE, open_bundle
 from pepper_driver.first_hour.pack import pack_bundle
 from pepper_driver.first_hour.plan import HourPlan, plan_hour
 from pepper_driver.first_hour.state import STATE, load_state, save_state
-from pepper_driver.first_hour.steps import set_aside
 from pepper_driver.identification import fit_folder, load_recordings
 from pepper_driver.log import LogWriter, read_log
 from pepper_driver.log.topics import LogEvent

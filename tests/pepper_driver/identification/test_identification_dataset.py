@@ -109,6 +109,21 @@ def test_a_deleted_run_is_made_again(whole: Path, tmp_path: Path) -> None:
 
 SLOWER = SHORT.with_goals(sweeps=2)
 
+def test_a_damaged_run_is_set_aside_and_made_again(
+    whole: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = copied(whole, tmp_path / "copy")
+    path = folder / f"{JOINT}-2.npz"
+    damaged = path.read_bytes()[:-2000]
+    path.write_bytes(damaged)
+    record_joints("mujoco", [JOINT], SHORT, folder, calibration=short_body(), workers=1)
+    kept = folder / f"{path.name}.early-1"
+    assert contents(folder) == {**contents(whole), kept.name: damaged}
+    (line,) = caplog.messages
+    assert line.startswith(f"{path}: damaged")
+    assert line.endswith(f"it is kept as {kept}, and the run is made again")
+
+
 
 @pytest.mark.parametrize(
     ("changes", "word"),
