@@ -17,6 +17,7 @@ from pepper_driver.backends.readiness import CheckResult
 from pepper_driver.backends.selection import parse_uri
 from pepper_driver.cli.console import (
     JsonOption,
+    LineProgress,
     WorkersOption,
     check_outputs,
     duration_text,
@@ -228,15 +229,25 @@ class ConsoleDisplay:
             yield lambda fraction: progress.update(bar, completed=fraction)
 
     @contextmanager
-    def runs(
-        self, ask: Callable[[str], None]
-    ) -> Iterator[tuple[RecordingProgress, Callable[[str], None]]]:
+    def runs(self, operator: Operator) -> Iterator[tuple[RecordingProgress, Operator]]:
         """Show the progress of runs, and make room for questions."""
         with recording_progress(self._console) as (progress, bars):
+            yield progress, _WithoutBars(operator, bars)
 
-            def ask_without_bar(question: str) -> None:
-                bars.stop()
-                ask(question)
-                bars.start()
 
-            yield progress, ask_without_bar
+class _WithoutBars:
+    """Asks an operator while no bar is shown."""
+
+    def __init__(self, operator: Operator, bars: LineProgress) -> None:
+        self._operator, self._bars = operator, bars
+
+    def confirm(self, question: str) -> None:
+        self._bars.stop()
+        self._operator.confirm(question)
+        self._bars.start()
+
+    def offer(self, question: str) -> bool:
+        self._bars.stop()
+        answer = self._operator.offer(question)
+        self._bars.start()
+        return answer

@@ -25,6 +25,7 @@ from pepper_driver.cli.console import (
     make_console,
     make_progress,
     save_json,
+    show_line,
 )
 from pepper_driver.config import (
     ConfigError,
@@ -52,6 +53,7 @@ from pepper_driver.identification import (
     read_manifest,
     record_joints,
 )
+from pepper_driver.identification.dataset import recording_path
 from pepper_driver.identification.measurements.program import Hand, held_weight
 from pepper_driver.identification.sensitivity import PLACES, POSTURE
 from pepper_driver.observer import ModelKind
@@ -356,6 +358,11 @@ def identify(
                     seed=chosen.seed if seed is None else seed,
                     workers=pool,
                     confirm=by_hand_only(confirm) if yes else confirm,
+                    on_touch=lambda run, sensor: show_line(
+                        console,
+                        f"{sensor} is pressed in run {run.name}: if a person touches the robot, delete "
+                        f"{recording_path(folder, run.name)} afterwards, and call again",
+                    ),
                     progress=progress,
                 )
         read_manifest(folder)  # where it is missing, that is the one line

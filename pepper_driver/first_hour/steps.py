@@ -70,9 +70,9 @@ class Display(Protocol):
         """Show a bar while the block is open; what it yields takes the fraction that is done, 0..1."""
 
     def runs(
-        self, ask: Callable[[str], None]
-    ) -> AbstractContextManager[tuple[RecordingProgress, Callable[[str], None]]]:
-        """Show the progress of runs; the second part asks, and makes room for the question."""
+        self, operator: Operator
+    ) -> AbstractContextManager[tuple[RecordingProgress, Operator]]:
+        """Show the progress of runs; the second part asks the operator, and makes room for the question."""
 
 
 def read_robot(uri: str, robot: RobotConfig) -> tuple[BackendInfo, Measurement]:
@@ -232,7 +232,7 @@ class RobotSteps:
         return self.folder / PLACES["identification"]
 
     def _record(self, *, measure_only: bool = False) -> None:
-        with self.display.runs(self.operator.confirm) as (progress, ask):
+        with self.display.runs(self.operator) as (progress, operator):
             record_joints(
                 self.uri,
                 self.plan.joints,
@@ -244,7 +244,15 @@ class RobotSteps:
                 weight=self.plan.weight,
                 seed=self.plan.experiment.seed,
                 workers=self.workers,
-                confirm=lambda run: ask(f"Next, for {run.seconds:.0f} s: {run.watched}. Ready?"),
+                confirm=lambda run: operator.confirm(
+                    f"Next, for {run.seconds:.0f} s: {run.watched}. Ready?"
+                ),
+                on_touch=lambda run, sensor: self.display.line(
+                    f"{sensor} is pressed in run {run.name}: does a person touch the robot?"
+                ),
+                repeat=lambda run, sensors: operator.offer(
+                    f"{', '.join(sensors)} pressed in run {run.name}. Record it again?"
+                ),
                 progress=progress,
             )
 

@@ -23,7 +23,7 @@ from pepper_driver.config import (
     load_robot,
 )
 from pepper_driver.config.file_lock import lock_folder
-from pepper_driver.config.files import write_bytes
+from pepper_driver.config.files import set_aside, write_bytes
 from pepper_driver.config.workers import Workers, one_core, run_jobs
 from pepper_driver.experiments.plan import experiment_uri
 from pepper_driver.identification.dataset import (
@@ -82,6 +82,12 @@ Progress = Callable[[str, float, float], None]
 Confirm = Callable[[IdentificationRun], None]
 """Called before a run that a person must watch; raises to end the recording there."""
 
+OnTouch = Callable[[IdentificationRun, str], None]
+"""Called inside the tick with the run and the name of a touch sensor or bumper that is pressed: must be quick."""
+
+Repeat = Callable[[IdentificationRun, Sequence[str]], bool]
+"""Called after a run in which these sensors were pressed, and which is kept; True to make it again."""
+
 
 def record_missing(
     uri: str,
@@ -96,6 +102,8 @@ def record_missing(
     after_weight: bool = False,
     workers: Workers = -1,
     confirm: Confirm | None = None,
+    on_touch: OnTouch | None = None,
+    repeat: Repeat | None = None,
     progress: Progress | None = None,
 ) -> None:
     """Make the runs whose file is not in the folder. Each file is written as soon as its run has ended.
@@ -116,6 +124,8 @@ def record_missing(
         after_weight: True where a person may still have a weight in the robot's hand: asked for before the first run.
         workers: Processes for simulated runs and dry runs, -1 for one per core; or a cluster.
         confirm: Asked before each run of a real robot that a person must watch.
+        on_touch: Called when a sensor of a real robot shows that a person touches it.
+        repeat: Asked after a run in which that was so; an earlier recording gets another name.
         progress: Called with the progress.
 
     Raises:
@@ -150,10 +160,37 @@ def record_missing(
         def advance(fraction: float, run: IdentificationRun = run, before: float = before) -> None:
             report_progress(run.name, before + fraction * run.seconds, total)
 
-        advance(0.0)
-        perform(uri, run, stop_key=True, on_progress=advance).save(recording_path(folder, run.name))
+        _perform_untouched(
+            uri, run, recording_path(folder, run.name), advance, on_touch=on_touch, repeat=repeat
+        )
         done += run.seconds
         report_progress(run.name, done, total)
+
+
+def _perform_untouched(
+    uri: str,
+    run: IdentificationRun,
+    path: Path,
+    advance: Callable[[float], None],
+    *,
+    on_touch: OnTouch | None,
+    repeat: Repeat | None,
+) -> None:
+    """Make a run of a real robot, again as often as it was touched and is to be repeated; write its file each time."""
+    pressed: list[str] = []
+
+    def note(sensor: str) -> None:
+        pressed.append(sensor)
+        if on_touch is not None:
+            on_touch(run, sensor)
+
+    while True:
+        pressed.clear()
+        advance(0.0)
+        perform(uri, run, stop_key=True, on_progress=advance, on_touch=note).save(path)
+        if not pressed or repeat is None or not repeat(run, tuple(dict.fromkeys(pressed))):
+            return
+        set_aside(path)
 
 
 def _make(uri: str, run: IdentificationRun, identity: str) -> tuple[IdentificationRun, bytes]:
@@ -285,6 +322,8 @@ def record_joints(
     seed: int = 0,
     workers: Workers = -1,
     confirm: Confirm | None = None,
+    on_touch: OnTouch | None = None,
+    repeat: Repeat | None = None,
     progress: Progress | None = None,
 ) -> IdentificationDataset:
     """Drive each joint through its runs, then the whole body; of these, what is in the folder whole is not made again.
@@ -305,6 +344,8 @@ def record_joints(
         seed: Root of the random motion and noise.
         workers: Processes for simulated runs, -1 for one per core; or a cluster.
         confirm: Asked before each run of a real robot that a person must watch.
+        on_touch: Called when a sensor of a real robot shows that a person touches it.
+        repeat: Asked after a run in which that was so; an earlier recording gets another name.
         progress: Called with the progress.
 
     Raises:
@@ -321,6 +362,7 @@ def record_joints(
     every = (*measurements, *runs)
     with lock_folder(folder):
         open_folder(folder, make_manifest(robot, backend, every, experiment, calibration, seed))
+        set_damaged_aside(folder, [run.name for run in every], robot)
         record = partial(
             record_missing,
             every=every,
@@ -331,6 +373,8 @@ def record_joints(
             identity=backend.info.identity,
             workers=workers,
             confirm=confirm,
+            on_touch=on_touch,
+            repeat=repeat,
             progress=progress,
         )
         weighed = weight is not None and not finished(folder, [run_name(WEIGHT, 1)])
@@ -362,7 +406,6 @@ def _check_plant(experiment: Experiment, calibration: Experiment | None) -> None
 def fit_folder(
     folder: Path,
     kind: ModelKind,
-        set_damaged_aside(folder, [run.name for run in every], robot)
     *,
     compare: bool = True,
     mirror: bool = True,

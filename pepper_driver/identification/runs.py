@@ -12,6 +12,7 @@ import numpy as np
 
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.backends.selection import parse_uri, with_query
+from pepper_driver.callbacks.events import SensorEdges
 from pepper_driver.config import (
     ConfigError,
     ControllerSettings,
@@ -287,6 +288,7 @@ def perform(
     identity: str | None = None,
     stop_key: bool = False,
     on_progress: Callable[[float], None] | None = None,
+    on_touch: Callable[[str], None] | None = None,
 ) -> Recording:
     """Have a robot perform a run. However it ends, the robot is stopped safely.
 
@@ -296,6 +298,7 @@ def perform(
         identity: Of the robot that is expected; None for any.
         stop_key: Whether a key of the terminal stops the robot.
         on_progress: Called with the fraction of the time that has passed, 0..1.
+        on_touch: Called inside the tick with the name of a touch sensor or bumper that is pressed: must be quick.
 
     Raises:
         ConfigError: It is another robot than is expected.
@@ -310,6 +313,17 @@ def perform(
             "its plant differs there, or was changed"
         )
     plan = plan_experiment(run.experiment, robot, pepper.backend, seed=run.seed)
+    edges: SensorEdges | None = None
+
+    def on_tick(tick: Tick, _: Observation | None) -> None:
+        nonlocal edges
+        builder.append(tick)
+        if edges is None:  # a sensor that is jammed is no touch
+            edges = SensorEdges(robot, tick.measurement)
+        for event in edges.step(tick.measurement):
+            if on_touch is not None and event.pressed and event.kind != "button":
+                on_touch(event.name)
+
     with StopKey(pepper.emergency_stop) if stop_key else nullcontext(), pepper:
         if run.weight is not None and "push" in pepper.backend.info.capabilities:
             force = (0.0, 0.0, -run.weight.mass * GRAVITY)
@@ -318,7 +332,7 @@ def perform(
             pepper.push(run.weight.link, force, run.weight.xyz, duration, rise=0.5)
         pepper.play(
             plan,
-            on_tick=lambda tick, _: builder.append(tick),
+            on_tick=on_tick,
             on_progress=on_progress,
             skip_settling=True,
         )

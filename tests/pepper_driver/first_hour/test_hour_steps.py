@@ -4,6 +4,7 @@ import json
 import zipfile
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,16 +12,22 @@ import yaml
 
 from pepper_driver.backends import BackendInfo
 from pepper_driver.cli.app import run
+from pepper_driver.cli.console import make_console
+from pepper_driver.cli.first_hour import ConsoleDisplay
+from pepper_driver.config import PepperError
 from pepper_driver.config.files import set_aside, write_json
 from pepper_driver.config.first_hour import load_first_hour
 from pepper_driver.config.loading import package_file, read_yaml
 from pepper_driver.doctor import Verdict, examine, try_motion
 from pepper_driver.doctor.motion_test import make_pepper
+from pepper_driver.first_hour import steps as steps_module
 from pepper_driver.first_hour.bundle import ARCHIVE, open_bundle
 from pepper_driver.first_hour.pack import pack_bundle
 from pepper_driver.first_hour.plan import HourPlan, plan_hour
 from pepper_driver.first_hour.state import STATE, load_state, save_state
+from pepper_driver.first_hour.steps import RobotSteps
 from pepper_driver.identification import fit_folder, load_recordings
+from pepper_driver.identification.identify import OnTouch, Repeat
 from pepper_driver.log import LogWriter, read_log
 from pepper_driver.log.topics import LogEvent
 from pepper_driver.observer.models.model_file import ModelSet
@@ -170,6 +177,49 @@ def test_a_robot_without_models_is_moved_and_its_motion_is_judged() -> None:
         "sensors",
         "joints follow",
     ]
+
+
+class Willing:
+    """An operator who says yes to all that is asked."""
+
+    def __init__(self) -> None:
+        self.questions: list[str] = []
+
+    def confirm(self, question: str) -> None:
+        self.questions.append(question)
+
+    def offer(self, question: str) -> bool:
+        self.questions.append(question)
+        return True
+
+
+def test_a_touch_in_a_run_is_shown_at_once_and_the_run_is_offered_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan, operator = hour_plan(tiny_plan(tmp_path)), Willing()
+    sensor = "LHand/Touch/Back"
+
+    def touched(*_: Any, on_touch: OnTouch, repeat: Repeat, **__: Any) -> None:
+        run = plan.runs["measure"][0]
+        on_touch(run, sensor)
+        assert repeat(run, (sensor,))
+        raise PepperError("that is enough")
+
+    monkeypatch.setattr(steps_module, "record_joints", touched)
+    steps = RobotSteps(
+        uri="mock",
+        info=INFO,
+        robot=ROBOT,
+        plan=plan,
+        folder=tmp_path,
+        archive=tmp_path / ARCHIVE,
+        operator=operator,
+        display=ConsoleDisplay(make_console()),
+    )
+    with pytest.raises(PepperError, match="enough"):
+        steps.measure()
+    assert f"{sensor} is pressed in run measure_response-1" in capsys.readouterr().out
+    assert operator.questions == [f"{sensor} pressed in run measure_response-1. Record it again?"]
 
 
 def test_earlier_attempts_keep_their_files(tmp_path: Path) -> None:
