@@ -35,7 +35,7 @@ from pepper_driver.first_hour.bundle import ARCHIVE
 from pepper_driver.first_hour.hour import run_hour
 from pepper_driver.first_hour.operator import Consent, Operator, TerminalOperator
 from pepper_driver.first_hour.plan import BY_KEY, HourPlan, PlannedStep, plan_hour
-from pepper_driver.first_hour.state import STATE, FirstHour, new_hour
+from pepper_driver.first_hour.state import STATE, FirstHour, StepName, new_hour
 from pepper_driver.first_hour.steps import RobotSteps, check_readiness, read_robot
 from pepper_driver.identification import Identification
 from pepper_driver.identification import Progress as RecordingProgress
@@ -82,6 +82,13 @@ def first_hour(
         Path | None,
         typer.Option(
             metavar="FILE", help="Plan of your own; by default the shipped first_hour.yaml."
+        ),
+    ] = None,
+    again: Annotated[
+        StepName | None,
+        typer.Option(
+            help="Step to make again although it is done, as where a person touched the robot. Its log is kept under "
+            "another name, and the page of results counts the attempts.",
         ),
     ] = None,
     dry_run: Annotated[
@@ -149,6 +156,7 @@ def first_hour(
         introduce=partial(_print_step, console),
         check=partial(check_readiness, backend, robot, info.identity),
         show=console.print,
+        again=again,
     )
     if not archive.exists():  # all steps were done before, and --pack names another file now
         steps.pack()

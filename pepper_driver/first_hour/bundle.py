@@ -132,15 +132,19 @@ def _bundle(source: Path, folder: Path, parts: Collection[Part]) -> Bundle:
         )
     files = {part: folder / place for part, place in PLACES.items()}
     for part in parts:
+        remedy = (
+            f"'pepper first-hour' with '--again {_STEP_OF[part]}' makes it again"
+            if source.is_dir()
+            else "have it sent again"
+        )
         if state.step(_STEP_OF[part]).progress != "done":
             raise BundleError(
                 f"{source}: step '{_STEP_OF[part]}' is not done, so it has no {PLACES[part]}; the command 'pepper "
                 "first-hour' that began it goes on from there"
             )
         if not files[part].exists():
-            remedy = "" if source.is_dir() else "; have it sent again"
-            raise BundleError(f"{source}: {PLACES[part]} is missing{remedy}")
-        _check_robot(source, part, files[part], state)
+            raise BundleError(f"{source}: {PLACES[part]} is missing; {remedy}")
+        _check_robot(source, part, files[part], state, remedy)
     return Bundle(
         source=source,
         state=state,
@@ -153,13 +157,13 @@ def _bundle(source: Path, folder: Path, parts: Collection[Part]) -> Bundle:
     )
 
 
-def _check_robot(source: Path, part: Part, file: Path, state: FirstHour) -> None:
+def _check_robot(source: Path, part: Part, file: Path, state: FirstHour, remedy: str) -> None:
     """Refuse a part of another robot than the state says, and one that cannot be read."""
     try:
         identity = _identity(part, file)
     except (ModelFileError, RecordingFolderError, OSError, ValueError) as error:
         text = reason(error).replace(f"{file.parent}/", "")
-        raise BundleError(f"{source}: {PLACES[part]} cannot be read: {text}") from error
+        raise BundleError(f"{source}: {PLACES[part]} cannot be read: {text}; {remedy}") from error
     if identity is not None and identity != state.identity:
         raise BundleError(
             f"{source}: {PLACES[part]} is of the robot {identity}, and {STATE} of {state.identity}: the files of two "

@@ -49,6 +49,7 @@ class StepRecord:
         progress: ``begun`` is one that was ended early: what it recorded is kept.
         begin, end: Date and time, UTC, ISO 8601; None where it has not begun or ended.
         figures: What it found, by name.
+        earlier: What it found in each attempt before this one, oldest first; nothing where that ended early.
     """
 
     name: StepName
@@ -56,6 +57,13 @@ class StepRecord:
     begin: str | None = None
     end: str | None = None
     figures: Mapping[str, Figure] = field(default_factory=dict)
+    earlier: tuple[Mapping[str, Figure], ...] = ()
+
+    def reopened(self) -> StepRecord:
+        """Return the state of a step that is to be made again."""
+        if self.progress != "done":
+            return self
+        return StepRecord(name=self.name, earlier=(*self.earlier, self.figures))
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -105,7 +113,9 @@ class FirstHour:
 
     def begun(self, name: StepName) -> FirstHour:
         """Return the state with a step that begins now."""
-        return self._with(replace(self.step(name), progress="begun", begin=now(), end=None))
+        step = self.step(name)
+        earlier = (*step.earlier, step.figures) if step.progress == "begun" else step.earlier
+        return self._with(StepRecord(name=name, progress="begun", begin=now(), earlier=earlier))
 
     def done(self, name: StepName, figures: Mapping[str, Figure]) -> FirstHour:
         """Return the state with a step that ends now."""
@@ -113,10 +123,10 @@ class FirstHour:
         return self._with(replace(step, progress="done", end=now(), figures=dict(figures)))
 
     def reopened(self, name: StepName) -> FirstHour:
-        """Return the state with a step, and those that build on it, to be made again."""
-        steps = STEPS[STEPS.index(name) :]
+        """Return the state with a step to be made again, and those that build on it: all later ones need the models."""
+        again = STEPS[STEPS.index(name) :] if name in ("measure", "identify") else (name, "pack")
         return replace(
-            self, steps=tuple(StepRecord(name=s.name) if s.name in steps else s for s in self.steps)
+            self, steps=tuple(s.reopened() if s.name in again else s for s in self.steps)
         )
 
     def _with(self, record: StepRecord) -> FirstHour:

@@ -217,7 +217,9 @@ class RobotSteps:
             )
             if not (touched and self._repeat(touched, doubt)):
                 break
-        result.models.save(self.folder / PLACES["models"])
+        models = self.folder / PLACES["models"]
+        set_aside(models)
+        result.models.save(models)
         return {
             "fit": _median([fit.test for fit in result.fits["fusion"].values()]),
             "threshold_deg": _median(
@@ -295,6 +297,10 @@ class RobotSteps:
         ):
             pepper.start_log(log)
             pepper.play(plan, on_tick=on_tick, on_progress=advance)
+        if links:
+            self.display.line(
+                f"if a person touched the robot, the same command with '--again {name}' makes this step again"
+            )
         return {
             "false_contacts": len(links),
             "links": tuple(dict.fromkeys(links)),

@@ -97,7 +97,9 @@ class Robot:
 
         return act
 
-    def run(self, plan: HourPlan, asked: FirstHour | None = None) -> FirstHour:
+    def run(
+        self, plan: HourPlan, asked: FirstHour | None = None, *, again: StepName | None = None
+    ) -> FirstHour:
         return run_hour(
             self._folder,
             asked or open_hour(),
@@ -107,6 +109,7 @@ class Robot:
             introduce=self.introduce,
             check=self.check,
             show=self.lines.append,
+            again=again,
         )
 
 
@@ -136,6 +139,7 @@ def test_whatever_ends_it_early_the_same_command_comes_to_the_same_end(
             after = load_state(folder / STATE)
             assert [s.name for s in after.steps if s.progress == "done"][: len(done)] == done
     assert robot.made == list(STEPS)  # each step once
+    assert sum(1 + len(step.earlier) for step in hour.steps) == len(robot.written)
     assert hour == load_state(folder / STATE)
     assert hour.next_step is None
     # Every attempt is there, under one name or another, and the last one under its own.
@@ -153,6 +157,51 @@ def test_codes_say_whether_it_had_begun(plan: HourPlan, tmp_path: Path) -> None:
         Robot(tmp_path, ["done", "leaves"]).run(plan)
     assert raised.value.while_active
     assert load_state(tmp_path / STATE).next_step == "measure"
+
+
+@pytest.mark.parametrize(
+    ("again", "made"),
+    [
+        ("free", ["free", "pack"]),
+        ("doctor", ["doctor", "pack"]),
+        ("identify", ["identify", "rest", "free", "touches", "pack"]),
+    ],
+)
+def test_a_step_is_made_again_with_those_that_build_on_it(
+    plan: HourPlan, tmp_path: Path, again: StepName, made: list[StepName]
+) -> None:
+    first = Robot(tmp_path, ["done", "done", "done", "stopped"])
+    with pytest.raises(PepperError, match="button"):
+        first.run(plan)
+    before = first.run(plan)
+    assert [len(step.earlier) for step in before.steps] == [0, 0, 0, 1, 0, 0, 0]
+    robot = Robot(tmp_path, ["leaves"])
+    with pytest.raises(OperatorLeftError):
+        robot.run(plan, again=again)
+    assert load_state(tmp_path / STATE) == before, "nothing is given up before something begins"
+    assert "the same command goes on" in robot.lines[-1]
+    robot = Robot(tmp_path, ["stopped"])
+    with pytest.raises(PepperError, match="button"):
+        robot.run(plan, again=again)
+    assert "the same command without --again goes on" in robot.lines[-1]
+    hour = robot.run(plan, again=again)  # the step is not done: it goes on
+    assert robot.made == made
+    assert hour.next_step is None
+    for old, new in zip(before.steps, hour.steps, strict=True):
+        if new.name == again:
+            assert new.earlier == (*old.earlier, old.figures, {})
+        elif new.name in made:
+            assert new.earlier == (*old.earlier, old.figures)
+        else:
+            assert new == old
+    files = {path.read_text() for path in tmp_path.iterdir() if ".mcap" in path.name}
+    assert files == {*first.written, *robot.written}
+
+
+def test_where_nothing_was_done_nothing_is_made_again(plan: HourPlan, tmp_path: Path) -> None:
+    with pytest.raises(FirstHourError, match="no hour of which a step could be made again"):
+        Robot(tmp_path, []).run(plan, again="free")
+    assert not (tmp_path / STATE).exists()
 
 
 def test_a_robot_that_is_unfit_by_the_time_of_the_answer_does_not_move(

@@ -184,7 +184,7 @@ class TouchedRobot(SlowRobot):
 
 
 @pytest.mark.parametrize("again", [True, False])
-def test_a_touch_is_told_at_once_and_the_run_is_offered_again(
+def test_a_touch_is_reported_at_once_and_the_run_is_offered_again(
     again: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = use_backends(monkeypatch, SlowRobot, TouchedRobot, SlowRobot)
