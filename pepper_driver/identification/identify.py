@@ -92,7 +92,6 @@ def record_missing(
     real_time: bool,
     takes_seed: bool,
     identity: str,
-    after_weight: bool = False,
     workers: Workers = -1,
     confirm: Confirm | None = None,
     progress: Progress | None = None,
@@ -101,7 +100,8 @@ def record_missing(
 
     Simulated backends run in parallel, each run on a robot and with a random sequence of its own; the result does not
     depend on ``workers``, nor on what was there. A backend in real time runs one after the other, after a dry run of
-    all that are to be made now.
+    all that are to be made now. After the run with a weight in the hand, the next one begins with a request to take it
+    out, also where the run with the weight was made by an earlier call.
 
     Args:
         uri: The backend.
@@ -112,7 +112,6 @@ def record_missing(
         real_time: True for a real robot.
         takes_seed: True where the URI takes a seed of the noise.
         identity: Of the simulated robot, which is to be the same in each process.
-        after_weight: True where a person may still have a weight in the robot's hand: asked for before the first run.
         workers: Processes for simulated runs and dry runs, -1 for one per core; or a cluster.
         confirm: Asked before each run of a real robot that a person must watch.
         progress: Called with the progress.
@@ -140,8 +139,10 @@ def record_missing(
             report_progress(f"recording in simulation: {run.name}", done, total)
         return
     _dry_run_all(todo, workers, report_progress)
+    latest = _latest(folder, every)
     for run in todo:
-        asked = run.after_weight() if after_weight and run is todo[0] else run
+        weighed = latest is not None and latest.weight is not None
+        asked = run.after_weight() if weighed and run.weight is None else run
         if confirm is not None and asked.watched:
             confirm(asked)
         before = done
@@ -151,8 +152,19 @@ def record_missing(
 
         advance(0.0)
         perform(uri, run, stop_key=True, on_progress=advance).save(recording_path(folder, run.name))
+        latest = run
         done += run.seconds
         report_progress(run.name, done, total)
+
+
+def _latest(folder: Path, runs: Sequence[IdentificationRun]) -> IdentificationRun | None:
+    """Return the run that was recorded last; None where there is no recording."""
+    there = finished(folder, [run.name for run in runs])
+    return max(
+        (run for run in runs if run.name in there),
+        key=lambda run: recording_path(folder, run.name).stat().st_mtime_ns,
+        default=None,
+    )
 
 
 def _make(uri: str, run: IdentificationRun, identity: str) -> tuple[IdentificationRun, bytes]:
@@ -332,7 +344,6 @@ def record_joints(
             confirm=confirm,
             progress=progress,
         )
-        weighed = weight is not None and not finished(folder, [run_name(WEIGHT, 1)])
         if measurements:
             record(uri, measurements)
             response = load_measurement(folder, robot)[RESPONSE]
@@ -341,7 +352,7 @@ def record_joints(
         if measure_only:
             measurement = load_measurement(folder, robot)
             return IdentificationDataset(sweeps=(), calibration=(), measurement=measurement)
-        record(uri, runs, after_weight=weighed)
+        record(uri, runs)
     return load_recordings(folder, robot)
 
 

@@ -180,6 +180,12 @@ def test_the_hour_is_an_hour_and_the_page_says_so(plan: HourPlan) -> None:
     assert sums[1] <= 15
 
 
+def test_the_weight_is_taken_out_before_models_are_identified(plan: HourPlan) -> None:
+    assert "take the weight out of the hand" in plan.step("identify").do
+    (row,) = (line for line in PAGE.read_text().splitlines() if line.startswith("| 3 |"))
+    assert "take the weight out of the hand" in row
+
+
 def test_nothing_in_the_plan_moves_legs_or_base(plan: HourPlan) -> None:
     legs = set(ROBOT.chains["legs"])
     for runs in plan.runs.values():

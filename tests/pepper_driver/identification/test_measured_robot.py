@@ -1,5 +1,6 @@
 """A robot is measured before its models are identified; the facts stay with the models."""
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from pepper_driver.backends.selection import with_delay
 from pepper_driver.cli.identify import by_hand_only
 from pepper_driver.config import ConfigError, load_plant
 from pepper_driver.identification import (
+    Confirm,
     RecordingFolderError,
     fit_folder,
     read_manifest,
@@ -24,10 +26,14 @@ from pepper_driver.identification.measurements.program import (
     measure_robot,
     measured_joints,
 )
-from pepper_driver.identification.measurements.response import ResponseError
+from pepper_driver.identification.measurements.response import (
+    MeasuredResponse,
+    ResponseError,
+)
 from pepper_driver.identification.runs import IdentificationRun, plan_measurements
 from pepper_driver.observer import ModelFileError, ModelSet, Recording
-from support.identification import ROBOT, SHORT
+from support.evaluation import recording as still
+from support.identification import ROBOT, SHORT, SlowRobot, use_backends
 from support.once import made_once
 
 PLANT = "recorded"
@@ -121,6 +127,68 @@ def test_a_delay_that_was_reported_wrongly_is_found(folder: Path) -> None:
     still = replace(response, current=0.0 * response.current)
     with pytest.raises(ResponseError):
         measure_robot({**runs, RESPONSE: still}, 6, ROBOT)
+
+
+@pytest.fixture
+def real(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """A robot in real time whose runs take no time; the names of those that were made."""
+    made: list[str] = []
+
+    def perform(uri: str, run: IdentificationRun, **_: object) -> Recording:
+        made.append(run.name)
+        return still(0.5)
+
+    use_backends(monkeypatch, SlowRobot)
+    monkeypatch.setattr(identify_module, "perform", perform)
+    response = MeasuredResponse(lead=0, steps=40, earliest=0.0, latest=0.0)
+    monkeypatch.setattr(identify_module, "measure_response", lambda *_: response)
+    return made
+
+
+def test_the_weight_is_taken_out_before_the_next_run_of_any_call(
+    real: list[str], tmp_path: Path
+) -> None:
+    asked: list[str] = []
+
+    def ask(run: IdentificationRun) -> None:
+        asked.append(f"{run.name}: {run.watched}")
+
+    def leave(run: IdentificationRun) -> None:
+        ask(run)
+        raise KeyboardInterrupt
+
+    def record(confirm: Confirm, *, measure_only: bool = False) -> list[str]:
+        asked.clear()
+        with suppress(KeyboardInterrupt):
+            record_joints(
+                "fake://robot",
+                ["LElbowRoll"],
+                SHORT,
+                tmp_path,
+                measure=True,
+                measure_only=measure_only,
+                weight=WEIGHT,
+                workers=1,
+                confirm=confirm,
+            )
+        return list(asked)
+
+    empty = "LElbowRoll-1: take the weight out of the hand now"
+    (_, hang) = record(ask, measure_only=True)
+    assert "hang it there now" in hang
+    assert real == [f"{name}-1" for name in (*MEASUREMENTS, "measure_weight")]
+    assert record(leave) == [empty]
+    assert record(ask) == [empty]
+    # In a call that makes both, and after a call that made the weight's run again.
+    for name in ("measure_weight-1", "LElbowRoll-2"):
+        recording_path(tmp_path, name).unlink()
+    asked_again = record(ask)
+    assert len(asked_again) == 2
+    assert asked_again[1] == empty.replace("-1", "-2")
+    recording_path(tmp_path, "measure_weight-1").unlink()
+    record(ask, measure_only=True)
+    recording_path(tmp_path, "measure_friction-1").unlink()
+    assert record(ask) == [empty.replace("LElbowRoll", "measure_friction")]
 
 
 def test_only_the_fast_arms_are_asked_for() -> None:
