@@ -46,7 +46,6 @@ from pepper_driver.identification.fit import (
     shared_fits,
 )
 from pepper_driver.identification.measurements.friction import HeldWeight
-from pepper_driver.identification.measurements.held_weight import falling_weight
 from pepper_driver.identification.measurements.program import (
     RESPONSE,
     WEIGHT,
@@ -420,7 +419,7 @@ def _fit_folder(
                 ).fits
         fits |= _closed_form(manifest, recordings, robot, mirror=mirror)
     findings = (
-        *_weight_findings(manifest, recordings, robot),
+        *_weight_findings(measured),
         *inspect_recordings(recordings, fitted.models),
     )
     sensitivities = joint_sensitivities(fitted.models, recordings.free_motion, robot)
@@ -458,15 +457,11 @@ def _measured(
     return measure_robot(recordings.measurement, manifest.response_delay, robot, manifest.weight)
 
 
-def _weight_findings(
-    manifest: Manifest, recordings: IdentificationDataset, robot: RobotConfig
-) -> tuple[Finding, ...]:
+def _weight_findings(measured: MeasuredRobot | None) -> tuple[Finding, ...]:
     """Find a known weight that was not in the hand during all of its run."""
-    if manifest.weight is None:
+    if measured is None or measured.weight_doubt is None:
         return ()
-    text = falling_weight(recordings.measurement, manifest.weight, robot)
-    if text is None:
-        return ()
+    text = f"{measured.weight_doubt}; the scale of torques by it is left out"
     return (Finding(kind="weight", joint=None, run=run_name(WEIGHT, 1), text=text),)
 
 

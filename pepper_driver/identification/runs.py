@@ -65,7 +65,6 @@ class IdentificationRun:
         seed: Of the random motion, and of a simulated robot's noise.
         seconds: How long it takes, from the first posture on [s].
         watched: Reason for which the user of a real robot is asked first; empty for none.
-        by_hand: True where the user must do something before, and is asked in any case.
         arm_speed: Largest speed of the arm joints [rad/s]; None for the controller's own.
         weight: That a person hangs into a hand before; it hangs in that of a simulated robot by itself. None for none.
     """
@@ -78,14 +77,13 @@ class IdentificationRun:
     seed: tuple[int, ...]
     seconds: float
     watched: str
-    by_hand: bool = False
     arm_speed: float | None = None
     weight: HeldWeight | None = None
 
     def after_weight(self) -> IdentificationRun:
         """Return the run with the request to empty the hand before it."""
         watched = "; ".join(filter(None, (EMPTY_HAND, self.watched)))
-        return replace(self, watched=watched, by_hand=True)
+        return replace(self, watched=watched)
 
     @property
     def moves_legs(self) -> bool:
@@ -139,7 +137,7 @@ def plan_measurements(
         if name == SPEED:
             run = replace(run, arm_speed=TESTED_SPEED)
         elif name == WEIGHT and weight is not None:
-            run = replace(run, weight=weight, watched=_hang(weight), by_hand=True)
+            run = replace(run, weight=weight, watched=_hang(weight))
         runs.append(run)
     return tuple(runs)
 

@@ -1,13 +1,14 @@
 """A robot is measured before its models are identified; the facts stay with the models."""
 
+import shutil
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pepper_driver.backends.selection import with_delay
-from pepper_driver.cli.identify import by_hand_only
 from pepper_driver.config import ConfigError, load_plant
 from pepper_driver.identification import (
     Confirm,
@@ -91,13 +92,25 @@ def test_the_facts_are_those_of_the_plant_and_stay_with_the_models(
     assert ModelSet.load(tmp_path / "models.json") == models
 
 
-def test_a_weight_that_was_not_held_is_a_warning(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_weight_that_was_not_held_is_a_warning_and_does_not_count(
+    folder: Path, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(identify_module, "falling_weight", lambda *_: "it fell")
-    first, *_ = fit_folder(folder, "affine", compare=False, workers=1).findings
+    other = Path(shutil.copytree(folder, tmp_path / "other"))
+    empty = Recording.load(recording_path(folder, "measure_friction-1"), ROBOT)
+    held = Recording.load(recording_path(folder, "measure_weight-1"), ROBOT)
+    # The same motion with an empty hand.
+    same = np.minimum(np.arange(len(held)), len(empty) - 1)
+    never = replace(held, current=empty.current[same])
+    never.save(recording_path(other, "measure_weight-1"))
+    found = fit_folder(other, "affine", compare=False, workers=1)
+    first, *_ = found.findings
     assert (first.kind, first.joint, first.run) == ("weight", None, "measure_weight-1")
-    assert first.text == "it fell"
+    assert "it was not in the hand" in first.text
+    measured = found.models.measured
+    assert measured is not None
+    assert (measured.weight, measured.weight_doubt in first.text) == (None, True)
+    assert {one.torque_scale for one in measured.joints.values()} == {None}
+    assert measured.joints["RElbowRoll"].load_scale is not None
 
 
 def test_the_command_that_made_models_measures_the_same(folder: Path) -> None:
@@ -196,16 +209,9 @@ def test_only_the_fast_arms_are_asked_for() -> None:
     weighed = plan_measurements(ROBOT, weight=WEIGHT)
     assert weighed[:3] == runs
     assert "0.5 kg in the right hand: hang it there now" in weighed[3].watched
-    # With --yes too: no person, no weight.
-    asked: list[IdentificationRun] = []
-    for run in weighed:
-        by_hand_only(asked.append)(run)
-    assert asked == [weighed[3]]
     slow, fast = runs[1].after_weight(), runs[2].after_weight()
     assert slow.watched == "take the weight out of the hand now"
     assert fast.watched == f"{slow.watched}; {runs[2].watched}"
-    assert slow.by_hand
-    assert fast.by_hand
     assert [bool(run.watched) for run in runs] == [False, False, True]
     assert not any(run.moves_legs for run in runs)
     speeds = dict(
