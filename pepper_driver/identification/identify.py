@@ -87,7 +87,6 @@ def record_missing(
     *,
     every: Sequence[IdentificationRun],
     folder: Path,
-    robot: RobotConfig,
     real_time: bool,
     takes_seed: bool,
     identity: str,
@@ -98,36 +97,31 @@ def record_missing(
     """Make the runs whose file is not in the folder. Each file is written as soon as its run has ended.
 
     Simulated backends run in parallel, each run on a robot and with a random sequence of its own; the result does not
-    depend on ``workers``, nor on what was there. A backend in real time runs one after the other, after a dry run of
-    all that are to be made now. After the run with a weight in the hand, the next one begins with a request to take it
-    out, also where the run with the weight was made by an earlier call.
+    depend on ``workers``, nor on what was there. A backend in real time runs one after the other; :func:`record_joints`
+    has dry run them. After the run with a weight in the hand, the next one begins with a request to take it out, also
+    where the run with the weight was made by an earlier call.
 
     Args:
         uri: The backend.
         runs: Those to make now.
         every: All runs of the identification: progress is that of them all.
         folder: Where their recordings are.
-        robot: Its description.
         real_time: True for a real robot.
         takes_seed: True where the URI takes a seed of the noise.
         identity: Of the simulated robot, which is to be the same in each process.
-        workers: Processes for simulated runs and dry runs, -1 for one per core; or a cluster.
+        workers: Processes for simulated runs, -1 for one per core; or a cluster.
         confirm: Asked before each run of a real robot that a person must watch.
         progress: Called with the progress.
 
     Raises:
         PepperError: A robot that refuses, a run that would not go well, a folder that cannot be written to.
     """
-    there = finished(folder, [run.name for run in runs])
-    todo = [run for run in runs if run.name not in there]
+    todo = _missing(folder, runs)
     if not todo:
         return
-    kept = finished(folder, [run.name for run in every])
-    if any(run.moves_legs for run in every if run.name not in kept):
-        _check_balance(robot)
-    report_progress = progress or (lambda what, done, total: None)
+    report_progress = progress or _report_nothing
     total = sum(run.seconds for run in every)
-    done = sum(run.seconds for run in every if run.name in kept)
+    done = total - sum(run.seconds for run in _missing(folder, every))
     if not real_time:
         report_progress("recording in simulation", done, total)
         uris = [seeded_uri(uri, run) if takes_seed else uri for run in todo]
@@ -137,7 +131,6 @@ def record_missing(
             done += run.seconds
             report_progress(f"recording in simulation: {run.name}", done, total)
         return
-    _dry_run_all(todo, workers, report_progress)
     latest = _latest(folder, every)
     for run in todo:
         weighed = latest is not None and latest.weight is not None
@@ -154,6 +147,16 @@ def record_missing(
         latest = run
         done += run.seconds
         report_progress(run.name, done, total)
+
+
+def _missing(folder: Path, runs: Sequence[IdentificationRun]) -> list[IdentificationRun]:
+    """Return the runs without a recording."""
+    there = finished(folder, [run.name for run in runs])
+    return [run for run in runs if run.name not in there]
+
+
+def _report_nothing(what: str, done: float, total: float) -> None:
+    """Report no progress."""
 
 
 def _latest(folder: Path, runs: Sequence[IdentificationRun]) -> IdentificationRun | None:
@@ -300,7 +303,7 @@ def record_joints(
     """Drive each joint through its runs, then the whole body; what is in the folder already is not made again.
 
     The robot itself is measured first, if asked for: the samples of the other runs are then paired with the commands
-    that they answer, by the delay that was measured.
+    that they answer, by the delay that was measured. Before a real robot moves, all that is to be made is dry run.
 
     Args:
         uri: The backend. A seed in it makes other noise, not other motion.
@@ -335,7 +338,6 @@ def record_joints(
             record_missing,
             every=every,
             folder=folder,
-            robot=robot,
             real_time=backend.real_time,
             takes_seed="seed" in backend.info.capabilities,
             identity=backend.info.identity,
@@ -343,6 +345,11 @@ def record_joints(
             confirm=confirm,
             progress=progress,
         )
+        todo = _missing(folder, measurements if measure_only else every)
+        if any(run.moves_legs for run in todo):
+            _check_balance(robot)
+        if backend.real_time and todo:
+            _dry_run_all(todo, workers, progress or _report_nothing)
         if measurements:
             record(uri, measurements)
             response = load_measurement(folder, robot)[RESPONSE]

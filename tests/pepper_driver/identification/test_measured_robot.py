@@ -12,6 +12,7 @@ from pepper_driver.backends.selection import with_delay
 from pepper_driver.config import ConfigError, load_plant
 from pepper_driver.identification import (
     Confirm,
+    DryRunError,
     RecordingFolderError,
     fit_folder,
     read_manifest,
@@ -202,6 +203,41 @@ def test_the_weight_is_taken_out_before_the_next_run_of_any_call(
     record(ask, measure_only=True)
     recording_path(tmp_path, "measure_friction-1").unlink()
     assert record(ask) == [empty.replace("LElbowRoll", "measure_friction")]
+
+
+@pytest.mark.parametrize("measure_only", [False, True])
+def test_all_that_is_missing_is_dry_run_before_the_arms_move_fast(
+    measure_only: bool, real: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried: list[str] = []
+
+    def refuse_the_last(run: IdentificationRun) -> None:
+        tried.append(run.name)
+        if run.name == "LElbowRoll-test":
+            raise DryRunError(f"run {run.name} would fail")
+
+    monkeypatch.setattr(identify_module, "check_dry_run", refuse_the_last)
+
+    def record() -> None:
+        record_joints(
+            "fake://robot",
+            ["LElbowRoll"],
+            SHORT,
+            tmp_path,
+            measure=True,
+            measure_only=measure_only,
+            workers=1,
+        )
+
+    measurements = [f"{name}-1" for name in MEASUREMENTS]
+    if measure_only:
+        record()
+        assert tried == real == measurements
+        return
+    with pytest.raises(DryRunError, match="LElbowRoll-test would fail"):
+        record()
+    assert tried[:3] == measurements
+    assert real == []
 
 
 def test_only_the_fast_arms_are_asked_for() -> None:
