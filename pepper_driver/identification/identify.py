@@ -53,7 +53,11 @@ from pepper_driver.identification.measurements.program import (
     measured_joints,
     weighted_hand,
 )
-from pepper_driver.identification.measurements.response import measure_response
+from pepper_driver.identification.measurements.response import (
+    MeasuredResponse,
+    ResponseError,
+    measure_response,
+)
 from pepper_driver.identification.quality import Finding, inspect_recordings
 from pepper_driver.identification.runs import (
     IdentificationRun,
@@ -352,14 +356,25 @@ def record_joints(
             _dry_run_all(todo, workers, progress or _report_nothing)
         if measurements:
             record(uri, measurements)
-            response = load_measurement(folder, robot)[RESPONSE]
-            measured = measure_response(response, measured_joints(robot), robot)
+            measured = _response(folder, robot)
             uri = with_delay(uri, max(0, backend.info.response_delay + measured.lead))
         if measure_only:
             measurement = load_measurement(folder, robot)
             return IdentificationDataset(sweeps=(), calibration=(), measurement=measurement)
         record(uri, runs)
     return load_recordings(folder, robot)
+
+
+def _response(folder: Path, robot: RobotConfig) -> MeasuredResponse:
+    """Return the delay that was measured."""
+    recording = load_measurement(folder, robot)[RESPONSE]
+    try:
+        return measure_response(recording, measured_joints(robot), robot)
+    except ResponseError as error:
+        raise ResponseError(
+            f"{error} (a robot without such currents is identified by 'pepper identify --no-measure', with another "
+            "folder for --recordings)"
+        ) from error
 
 
 def _check_plant(experiment: Experiment, calibration: Experiment | None) -> None:

@@ -31,6 +31,7 @@ from pepper_driver.identification.measurements.program import (
 from pepper_driver.identification.measurements.response import (
     MeasuredResponse,
     ResponseError,
+    measure_response,
 )
 from pepper_driver.identification.runs import IdentificationRun, plan_measurements
 from pepper_driver.observer import ModelFileError, ModelSet, Recording
@@ -203,6 +204,22 @@ def test_the_weight_is_taken_out_before_the_next_run_of_any_call(
     record(ask, measure_only=True)
     recording_path(tmp_path, "measure_friction-1").unlink()
     assert record(ask) == [empty.replace("LElbowRoll", "measure_friction")]
+
+
+def test_a_robot_without_currents_is_no_dead_end(
+    real: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(identify_module, "measure_response", measure_response)
+
+    def record(folder: Path, *, measure: bool) -> None:
+        record_joints("fake://robot", ["LElbowRoll"], SHORT, folder, measure=measure, workers=1)
+
+    with pytest.raises(ResponseError, match=r"'pepper identify --no-measure', with another folder"):
+        record(tmp_path / "one", measure=True)
+    with pytest.raises(RecordingFolderError):
+        record(tmp_path / "one", measure=False)
+    record(tmp_path / "other", measure=False)
+    assert real[-1] == "LElbowRoll-test"
 
 
 @pytest.mark.parametrize("measure_only", [False, True])
