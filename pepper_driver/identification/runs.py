@@ -65,6 +65,7 @@ class IdentificationRun:
         seed: Of the random motion, and of a simulated robot's noise.
         seconds: How long it takes, from the first posture on [s].
         watched: Reason for which the user of a real robot is asked first; empty for none.
+        moves_legs: True where legs or base move.
         arm_speed: Largest speed of the arm joints [rad/s]; None for the controller's own.
         weight: That a person hangs into a hand before; it hangs in that of a simulated robot by itself. None for none.
     """
@@ -77,6 +78,7 @@ class IdentificationRun:
     seed: tuple[int, ...]
     seconds: float
     watched: str
+    moves_legs: bool = False
     arm_speed: float | None = None
     weight: HeldWeight | None = None
 
@@ -84,11 +86,6 @@ class IdentificationRun:
         """Return the run with the request to empty the hand before it."""
         watched = "; ".join(filter(None, (EMPTY_HAND, self.watched)))
         return replace(self, watched=watched)
-
-    @property
-    def moves_legs(self) -> bool:
-        """True where legs or base move."""
-        return self.watched in (LEGS_MOVE, BODY_MOVES)
 
     def controller(self, robot: RobotConfig) -> ControllerSettings:
         """Return the settings of the controller for this run."""
@@ -192,6 +189,7 @@ def plan_runs(
         numbers = [*range(len(stiffnesses)), len(sweeps.estimation_stiffness)]
         for number, stiffness in zip(numbers, (*stiffnesses, experiment.stiffness), strict=True):
             test = number == numbers[-1]
+            legs = name in robot.chains.get("legs", ())
             runs.append(
                 _run(
                     robot,
@@ -201,7 +199,8 @@ def plan_runs(
                     joint=name,
                     role="test" if test else "estimation",
                     seed=(seed, robot.joint_index(name), number),
-                    watched=LEGS_MOVE if name in robot.chains.get("legs", ()) else "",
+                    watched=LEGS_MOVE if legs else "",
+                    moves_legs=legs,
                 )
             )
     if calibration is not None:
@@ -214,6 +213,7 @@ def _calibration_runs(
 ) -> list[IdentificationRun]:
     if experiment.contacts:
         raise experiment.error("contacts", "thresholds are chosen on free motion; leave them out")
+    body = _moves_body(robot, experiment)
     return [
         _run(
             robot,
@@ -223,7 +223,8 @@ def _calibration_runs(
             joint=None,
             role="calibration",
             seed=(seed, len(robot.joint_names), number),
-            watched=BODY_MOVES if _moves_body(robot, experiment) else "",
+            watched=BODY_MOVES if body else "",
+            moves_legs=body,
         )
         for number, stiffness in enumerate(CALIBRATION_STIFFNESS)
     ]
@@ -248,6 +249,7 @@ def _run(
     role: Role,
     seed: tuple[int, ...],
     watched: str,
+    moves_legs: bool = False,
 ) -> IdentificationRun:
     experiment = replace(experiment, stiffness=stiffness)
     plan = plan_experiment(experiment, robot, MockBackend(robot), seed=seed)
@@ -263,6 +265,7 @@ def _run(
         seed=seed,
         seconds=seconds,
         watched=watched,
+        moves_legs=moves_legs,
     )
 
 

@@ -287,6 +287,12 @@ def test_all_runs_are_tried_dry_before_a_real_robot_moves(
     assert len(made) == 1, "only asked who it is"
 
 
+def test_legs_move_whatever_a_person_is_asked_for() -> None:
+    knee, head = (plan_runs(ROBOT, [name], SHORT)[0] for name in ("KneePitch", "HeadPitch"))
+    for run_, moves in ((knee, True), (head, False)):
+        assert (run_.moves_legs, run_.after_weight().moves_legs) == (moves, moves)
+
+
 def test_a_dry_run_passes_what_is_safe() -> None:
     check_dry_run(plan_runs(ROBOT, ["KneePitch"], SHORT)[-1])
 
