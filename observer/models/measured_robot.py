@@ -51,6 +51,7 @@ class MeasuredRobot:
         late: Fraction of samples that came late.
         lost: Fraction of samples of a joint in motion that repeat the one before.
         weight: That was held [kg]; None for none.
+        weight_doubt: Reason for which a weight does not count: no joint has a scale of torques by it. None for none.
         joints: By name.
     """
 
@@ -63,6 +64,7 @@ class MeasuredRobot:
     lost: UnitInterval
     weight: Positive | None
     joints: Mapping[str, MeasuredJoint]
+    weight_doubt: str | None = None
 
     @property
     def speeds(self) -> dict[str, float]:

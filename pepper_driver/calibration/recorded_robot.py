@@ -26,6 +26,7 @@ from pepper_driver.calibration.drive import (
 from pepper_driver.calibration.replayed import RecordedRun, ReplayedRun, load_runs, replay
 from pepper_driver.config import PepperError, PlantConfig, RobotConfig
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.plant_parts import BodyParameters
 from pepper_driver.config.workers import Workers, run_jobs
 from pepper_driver.identification.dataset import load_measurement, read_manifest
 from pepper_driver.identification.measurements.program import MEASUREMENTS, measure_robot
@@ -48,6 +49,9 @@ MIN_ROWS = 200
 
 MIN_EFFICIENCY = 0.2
 """Smallest fraction of a motor's torque that reaches the joint."""
+
+ARMS = ("left_arm", "right_arm")
+"""Chains whose masses a weight in a hand shows."""
 
 MAX_TICKS = 20
 """Longest delay in a plant file, and most late samples in a row."""
@@ -225,8 +229,9 @@ def with_facts(
 ) -> PlantConfig:
     """Return a plant with what was measured of a robot: transport, noise, speed limit, efficiency, masses of arms.
 
-    Where a known weight was held, the fraction of torque that arrives and the masses of the arms are known apart.
-    Without one, all that gravity asks for beyond the description counts as torque that does not arrive.
+    Where a known weight was held, the fraction of torque that arrives and the masses of the arms are known apart. Both
+    arms then weigh as much more or less as the one that held it, since they are built alike. Without a weight, all that
+    gravity asks for beyond the description counts as torque that does not arrive.
 
     Args:
         start: Everything that was not measured.
@@ -264,11 +269,13 @@ def with_facts(
         targets = replace(targets, speed_limit=_rounded(float(np.median(limits))))
     elif targets.speed_limit and max(facts.speeds.values(), default=0.0) > targets.speed_limit:
         targets = replace(targets, speed_limit=None)
+    arms = [name for chain in ARMS for name in robot.chains[chain]]
+    factor = _mass_factor(facts, arms)
     drives = []
     for drive in start.actuators:
         for name in drive.joints:
             one = replace(drive, joints=(name,))
-            efficiency = _efficiency(facts.joints.get(name))
+            efficiency = _efficiency(facts.joints.get(name), factor if name in arms else None)
             if efficiency is not None:
                 origin = with_origin(drive, "calibrated", ("efficiency",))
                 one = replace(one, efficiency=efficiency, origin=origin)
@@ -278,7 +285,7 @@ def with_facts(
         transport=transport,
         targets=targets,
         actuators=tuple(drives),
-        body=replace(start.body, masses={**start.body.masses, **_masses(start, facts, robot)}),
+        body=start.body if factor is None else _heavier(start.body, arms, factor, robot),
     )
 
 
@@ -288,25 +295,36 @@ def _without_steps(noise: Sequence[float], step: float) -> float:
     return _rounded(float(np.sqrt(max(spread, 0.0))))
 
 
-def _efficiency(joint: MeasuredJoint | None) -> float | None:
-    """Return the fraction of a motor's torque that arrives; None where it was not measured."""
-    scale = None if joint is None else joint.torque_scale or joint.load_scale
+def _efficiency(joint: MeasuredJoint | None, mass_factor: float | None) -> float | None:
+    """Return the fraction of a motor's torque that arrives; None where it was not measured.
+
+    Args:
+        joint: What was measured of it.
+        mass_factor: On the masses that it carries; None where it is not known.
+    """
+    if joint is None:
+        return None
+    scale = joint.torque_scale
+    if scale is None and joint.load_scale is not None:
+        # Part of the load's current carries these masses.
+        scale = joint.load_scale / (mass_factor or 1.0)
     return None if scale is None else _rounded(float(np.clip(1.0 / scale, MIN_EFFICIENCY, 1.0)))
 
 
-def _masses(start: PlantConfig, facts: MeasuredRobot, robot: RobotConfig) -> dict[str, float]:
-    """Return factors on the masses of the links of arms whose joints show load and torque apart."""
-    found: dict[str, float] = {}
-    for chain in ("left_arm", "right_arm"):
-        names = robot.chains[chain]
-        joints = [facts.joints[name] for name in names if name in facts.joints]
-        ratios = [j.load_scale / j.torque_scale for j in joints if j.load_scale and j.torque_scale]
-        if ratios:
-            for name in names:
-                link = robot.joints[robot.joint_index(name)].child
-                factor = float(np.median(ratios)) * start.body.masses.get(link, 1.0)
-                found[link] = _rounded(factor)
-    return found
+def _mass_factor(facts: MeasuredRobot, arms: Sequence[str]) -> float | None:
+    """Return the factor on the masses of arms, by joints that show load and torque apart; None where none does."""
+    joints = [facts.joints[name] for name in arms if name in facts.joints]
+    ratios = [j.load_scale / j.torque_scale for j in joints if j.load_scale and j.torque_scale]
+    return float(np.median(ratios)) if ratios else None
+
+
+def _heavier(
+    body: BodyParameters, joints: Sequence[str], factor: float, robot: RobotConfig
+) -> BodyParameters:
+    """Return a body whose links behind these joints weigh ``factor`` times as much."""
+    links = [robot.joints[robot.joint_index(name)].child for name in joints]
+    heavier = {link: _rounded(factor * body.masses.get(link, 1.0)) for link in links}
+    return replace(body, masses={**body.masses, **heavier})
 
 
 def _fitted(plant: PlantConfig) -> tuple[Value, ...]:

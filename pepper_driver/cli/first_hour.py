@@ -28,7 +28,12 @@ from pepper_driver.cli.console import (
     show_line,
 )
 from pepper_driver.cli.doctor import print_checks
-from pepper_driver.cli.identify import print_fits, print_measured, recording_progress
+from pepper_driver.cli.identify import (
+    print_fits,
+    print_measured,
+    recording_progress,
+    refuse_unattended,
+)
 from pepper_driver.config import ConfigError, PepperError, load_robot
 from pepper_driver.config.first_hour import load_first_hour
 from pepper_driver.first_hour.bundle import ARCHIVE
@@ -94,7 +99,12 @@ def first_hour(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print the plan; no robot is looked for.")
     ] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before the robot moves.")] = False,
+    yes: Annotated[
+        bool,
+        typer.Option(
+            "--yes", help="Do not ask before the robot moves; on a real one not with --weight."
+        ),
+    ] = False,
     workers: WorkersOption = None,
     json_file: JsonOption = None,
 ) -> int:
@@ -116,6 +126,8 @@ def first_hour(
             "with '?wake=1' the robot would lie down after each of many runs: wake it up once, by pressing the button "
             "on its chest twice, and leave that out"
         )
+    if yes:
+        refuse_unattended(backend, held)
     show = _shower(console)
     operator: Operator = Consent(show) if yes else TerminalOperator(show, settings.answer)
     if label == BY_KEY and (sys.stdin is None or not sys.stdin.isatty()):

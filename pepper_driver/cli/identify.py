@@ -13,6 +13,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from pepper_driver.backends import make_backend
 from pepper_driver.cli.console import (
     ClusterOption,
     JsonOption,
@@ -54,6 +55,7 @@ from pepper_driver.identification import (
     record_joints,
 )
 from pepper_driver.identification.dataset import recording_path
+from pepper_driver.identification.measurements.friction import HeldWeight
 from pepper_driver.identification.measurements.program import Hand, held_weight
 from pepper_driver.identification.sensitivity import PLACES, POSTURE
 from pepper_driver.observer import ModelKind
@@ -263,7 +265,7 @@ def identify(
         bool,
         typer.Option(
             "--yes",
-            help="Do not ask before a real robot moves its legs or its base, or its arms fast; a weight is asked for.",
+            help="Do not ask before a real robot moves its legs or its base, or its arms fast; not with --weight.",
         ),
     ] = False,
     seed: Annotated[
@@ -317,6 +319,8 @@ def identify(
     held = None if weight is None else held_weight(weight, hand)
     if held is not None and not measure:
         raise ConfigError("option '--weight': it is for the measurement; leave '--no-measure' out")
+    if yes:
+        refuse_unattended(backend or BACKEND, held)
     if draws is not None:
         _refuse_with("draws", "each robot has a folder of its own", recordings=recordings)
         _refuse_with("draws", "no robot is measured", weight=weight)
@@ -357,7 +361,7 @@ def identify(
                     weight=held,
                     seed=chosen.seed if seed is None else seed,
                     workers=pool,
-                    confirm=by_hand_only(confirm) if yes else confirm,
+                    confirm=None if yes else confirm,
                     on_touch=lambda run, sensor: show_line(
                         console,
                         f"{sensor} is pressed in run {run.name}: if a person touches the robot, delete "
@@ -487,6 +491,19 @@ def _robots(console: Console, total: int, folder: Path) -> Iterator[RobotProgres
             raise
 
 
+def refuse_unattended(backend: str, weight: HeldWeight | None) -> None:
+    """Refuse to ask no person on a real robot that is measured with a weight.
+
+    Raises:
+        ConfigError: It is so.
+    """
+    if weight is not None and make_backend(backend).real_time:
+        raise ConfigError(
+            "option '--yes': a person hangs the weight into the hand and takes it out again, and must be asked; leave "
+            "'--yes' or '--weight' out"
+        )
+
+
 def _refuse_with(option: str, why: str, **options: object) -> None:
     given = [name for name, value in options.items() if value is not None]
     if given:
@@ -529,16 +546,6 @@ def _progress(console: Console) -> Iterator[tuple[Progress, Confirm]]:
             bars.start()
 
         yield report_progress, confirm
-
-
-def by_hand_only(confirm: Confirm) -> Confirm:
-    """Return a question for what a person must do: without a person no weight hangs in the hand."""
-
-    def confirm_by_hand(run: IdentificationRun) -> None:
-        if run.by_hand:
-            confirm(run)
-
-    return confirm_by_hand
 
 
 @contextmanager

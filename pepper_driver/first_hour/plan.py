@@ -190,7 +190,8 @@ _WORDS: dict[StepName, dict[str, str]] = {
     },
     "identify": {
         "title": "free motion of arms and head, and the fit",
-        "do": "touch nothing; the computer then computes for some minutes, the robot rests meanwhile",
+        "do": "take the weight out of the hand, if one hangs there; touch nothing; then the computer computes for some "
+        "minutes, the robot rests meanwhile",
         "normal": "models explain 60 % and more; thresholds below 3 deg or 2 N m at shoulders and elbows",
     },
     "rest": {

@@ -39,7 +39,6 @@ from pepper_driver.identification import (
 )
 from pepper_driver.identification import Progress as RecordingProgress
 from pepper_driver.identification.dataset import load_measurement, recording_path
-from pepper_driver.identification.measurements.held_weight import falling_weight
 from pepper_driver.identification.measurements.program import WEIGHT, measure_robot
 from pepper_driver.identification.runs import run_name
 from pepper_driver.observer import Observation
@@ -185,14 +184,15 @@ class RobotSteps:
         """Measure the robot: delay, noise, friction, speed, and the scale of torques by a weight."""
         while True:
             self._record(measure_only=True)
-            recordings = load_measurement(self._recordings, self.robot)
-            if self.plan.weight is None:
-                break
-            doubt = falling_weight(recordings, self.plan.weight, self.robot)
+            measured = measure_robot(
+                load_measurement(self._recordings, self.robot),
+                read_manifest(self._recordings).response_delay,
+                self.robot,
+                self.plan.weight,
+            )
+            doubt = measured.weight_doubt
             if doubt is None or not self._repeat([run_name(WEIGHT, 1)], doubt):
                 break
-        manifest = read_manifest(self._recordings)
-        measured = measure_robot(recordings, manifest.response_delay, self.robot, self.plan.weight)
         self.display.measured(measured)
         return {
             "delay_ticks": measured.response_delay,

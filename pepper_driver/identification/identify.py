@@ -47,7 +47,6 @@ from pepper_driver.identification.fit import (
     shared_fits,
 )
 from pepper_driver.identification.measurements.friction import HeldWeight
-from pepper_driver.identification.measurements.held_weight import falling_weight
 from pepper_driver.identification.measurements.program import (
     RESPONSE,
     WEIGHT,
@@ -55,7 +54,11 @@ from pepper_driver.identification.measurements.program import (
     measured_joints,
     weighted_hand,
 )
-from pepper_driver.identification.measurements.response import measure_response
+from pepper_driver.identification.measurements.response import (
+    MeasuredResponse,
+    ResponseError,
+    measure_response,
+)
 from pepper_driver.identification.quality import Finding, inspect_recordings
 from pepper_driver.identification.runs import (
     IdentificationRun,
@@ -95,11 +98,9 @@ def record_missing(
     *,
     every: Sequence[IdentificationRun],
     folder: Path,
-    robot: RobotConfig,
     real_time: bool,
     takes_seed: bool,
     identity: str,
-    after_weight: bool = False,
     workers: Workers = -1,
     confirm: Confirm | None = None,
     on_touch: OnTouch | None = None,
@@ -109,20 +110,19 @@ def record_missing(
     """Make the runs whose file is not in the folder. Each file is written as soon as its run has ended.
 
     Simulated backends run in parallel, each run on a robot and with a random sequence of its own; the result does not
-    depend on ``workers``, nor on what was there. A backend in real time runs one after the other, after a dry run of
-    all that are to be made now.
+    depend on ``workers``, nor on what was there. A backend in real time runs one after the other; :func:`record_joints`
+    has dry run them. After the run with a weight in the hand, the next one begins with a request to take it out, also
+    where the run with the weight was made by an earlier call.
 
     Args:
         uri: The backend.
         runs: Those to make now.
         every: All runs of the identification: progress is that of them all.
         folder: Where their recordings are.
-        robot: Its description.
         real_time: True for a real robot.
         takes_seed: True where the URI takes a seed of the noise.
         identity: Of the simulated robot, which is to be the same in each process.
-        after_weight: True where a person may still have a weight in the robot's hand: asked for before the first run.
-        workers: Processes for simulated runs and dry runs, -1 for one per core; or a cluster.
+        workers: Processes for simulated runs, -1 for one per core; or a cluster.
         confirm: Asked before each run of a real robot that a person must watch.
         on_touch: Called when a sensor of a real robot shows that a person touches it.
         repeat: Asked after a run in which that was so; an earlier recording gets another name.
@@ -131,16 +131,12 @@ def record_missing(
     Raises:
         PepperError: A robot that refuses, a run that would not go well, a folder that cannot be written to.
     """
-    there = finished(folder, [run.name for run in runs])
-    todo = [run for run in runs if run.name not in there]
+    todo = _missing(folder, runs)
     if not todo:
         return
-    kept = finished(folder, [run.name for run in every])
-    if any(run.moves_legs for run in every if run.name not in kept):
-        _check_balance(robot)
-    report_progress = progress or (lambda what, done, total: None)
+    report_progress = progress or _report_nothing
     total = sum(run.seconds for run in every)
-    done = sum(run.seconds for run in every if run.name in kept)
+    done = total - sum(run.seconds for run in _missing(folder, every))
     if not real_time:
         report_progress("recording in simulation", done, total)
         uris = [seeded_uri(uri, run) if takes_seed else uri for run in todo]
@@ -150,9 +146,10 @@ def record_missing(
             done += run.seconds
             report_progress(f"recording in simulation: {run.name}", done, total)
         return
-    _dry_run_all(todo, workers, report_progress)
+    latest = _latest(folder, every)
     for run in todo:
-        asked = run.after_weight() if after_weight and run is todo[0] else run
+        weighed = latest is not None and latest.weight is not None
+        asked = run.after_weight() if weighed and run.weight is None else run
         if confirm is not None and asked.watched:
             confirm(asked)
         before = done
@@ -163,6 +160,7 @@ def record_missing(
         _perform_untouched(
             uri, run, recording_path(folder, run.name), advance, on_touch=on_touch, repeat=repeat
         )
+        latest = run
         done += run.seconds
         report_progress(run.name, done, total)
 
@@ -191,6 +189,26 @@ def _perform_untouched(
         if not pressed or repeat is None or not repeat(run, tuple(dict.fromkeys(pressed))):
             return
         set_aside(path)
+
+
+def _missing(folder: Path, runs: Sequence[IdentificationRun]) -> list[IdentificationRun]:
+    """Return the runs without a recording."""
+    there = finished(folder, [run.name for run in runs])
+    return [run for run in runs if run.name not in there]
+
+
+def _report_nothing(what: str, done: float, total: float) -> None:
+    """Report no progress."""
+
+
+def _latest(folder: Path, runs: Sequence[IdentificationRun]) -> IdentificationRun | None:
+    """Return the run that was recorded last; None where there is no recording."""
+    there = finished(folder, [run.name for run in runs])
+    return max(
+        (run for run in runs if run.name in there),
+        key=lambda run: recording_path(folder, run.name).stat().st_mtime_ns,
+        default=None,
+    )
 
 
 def _make(uri: str, run: IdentificationRun, identity: str) -> tuple[IdentificationRun, bytes]:
@@ -329,7 +347,7 @@ def record_joints(
     """Drive each joint through its runs, then the whole body; of these, what is in the folder whole is not made again.
 
     The robot itself is measured first, if asked for: the samples of the other runs are then paired with the commands
-    that they answer, by the delay that was measured.
+    that they answer, by the delay that was measured. Before a real robot moves, all that is to be made is dry run.
 
     Args:
         uri: The backend. A seed in it makes other noise, not other motion.
@@ -367,7 +385,6 @@ def record_joints(
             record_missing,
             every=every,
             folder=folder,
-            robot=robot,
             real_time=backend.real_time,
             takes_seed="seed" in backend.info.capabilities,
             identity=backend.info.identity,
@@ -377,17 +394,32 @@ def record_joints(
             repeat=repeat,
             progress=progress,
         )
-        weighed = weight is not None and not finished(folder, [run_name(WEIGHT, 1)])
+        todo = _missing(folder, measurements if measure_only else every)
+        if any(run.moves_legs for run in todo):
+            _check_balance(robot)
+        if backend.real_time and todo:
+            _dry_run_all(todo, workers, progress or _report_nothing)
         if measurements:
             record(uri, measurements)
-            response = load_measurement(folder, robot)[RESPONSE]
-            measured = measure_response(response, measured_joints(robot), robot)
+            measured = _response(folder, robot)
             uri = with_delay(uri, max(0, backend.info.response_delay + measured.lead))
         if measure_only:
             measurement = load_measurement(folder, robot)
             return IdentificationDataset(sweeps=(), calibration=(), measurement=measurement)
-        record(uri, runs, after_weight=weighed)
+        record(uri, runs)
     return load_recordings(folder, robot)
+
+
+def _response(folder: Path, robot: RobotConfig) -> MeasuredResponse:
+    """Return the delay that was measured."""
+    recording = load_measurement(folder, robot)[RESPONSE]
+    try:
+        return measure_response(recording, measured_joints(robot), robot)
+    except ResponseError as error:
+        raise ResponseError(
+            f"{error} (a robot without such currents is identified by 'pepper identify --no-measure', with another "
+            "folder for --recordings)"
+        ) from error
 
 
 def _check_plant(experiment: Experiment, calibration: Experiment | None) -> None:
@@ -454,7 +486,7 @@ def _fit_folder(
                 ).fits
         fits |= _closed_form(manifest, recordings, robot, mirror=mirror)
     findings = (
-        *_weight_findings(manifest, recordings, robot),
+        *_weight_findings(measured),
         *inspect_recordings(recordings, fitted.models),
     )
     sensitivities = joint_sensitivities(fitted.models, recordings.free_motion, robot)
@@ -492,15 +524,11 @@ def _measured(
     return measure_robot(recordings.measurement, manifest.response_delay, robot, manifest.weight)
 
 
-def _weight_findings(
-    manifest: Manifest, recordings: IdentificationDataset, robot: RobotConfig
-) -> tuple[Finding, ...]:
+def _weight_findings(measured: MeasuredRobot | None) -> tuple[Finding, ...]:
     """Find a known weight that was not in the hand during all of its run."""
-    if manifest.weight is None:
+    if measured is None or measured.weight_doubt is None:
         return ()
-    text = falling_weight(recordings.measurement, manifest.weight, robot)
-    if text is None:
-        return ()
+    text = f"{measured.weight_doubt}; the scale of torques by it is left out"
     return (Finding(kind="weight", joint=None, run=run_name(WEIGHT, 1), text=text),)
 
 

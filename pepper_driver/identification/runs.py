@@ -66,7 +66,7 @@ class IdentificationRun:
         seed: Of the random motion, and of a simulated robot's noise.
         seconds: How long it takes, from the first posture on [s].
         watched: Reason for which the user of a real robot is asked first; empty for none.
-        by_hand: True where the user must do something before, and is asked in any case.
+        moves_legs: True where legs or base move.
         arm_speed: Largest speed of the arm joints [rad/s]; None for the controller's own.
         weight: That a person hangs into a hand before; it hangs in that of a simulated robot by itself. None for none.
     """
@@ -79,19 +79,14 @@ class IdentificationRun:
     seed: tuple[int, ...]
     seconds: float
     watched: str
-    by_hand: bool = False
+    moves_legs: bool = False
     arm_speed: float | None = None
     weight: HeldWeight | None = None
 
     def after_weight(self) -> IdentificationRun:
         """Return the run with the request to empty the hand before it."""
         watched = "; ".join(filter(None, (EMPTY_HAND, self.watched)))
-        return replace(self, watched=watched, by_hand=True)
-
-    @property
-    def moves_legs(self) -> bool:
-        """True where legs or base move."""
-        return self.watched in (LEGS_MOVE, BODY_MOVES)
+        return replace(self, watched=watched)
 
     def controller(self, robot: RobotConfig) -> ControllerSettings:
         """Return the settings of the controller for this run."""
@@ -140,7 +135,7 @@ def plan_measurements(
         if name == SPEED:
             run = replace(run, arm_speed=TESTED_SPEED)
         elif name == WEIGHT and weight is not None:
-            run = replace(run, weight=weight, watched=_hang(weight), by_hand=True)
+            run = replace(run, weight=weight, watched=_hang(weight))
         runs.append(run)
     return tuple(runs)
 
@@ -195,6 +190,7 @@ def plan_runs(
         numbers = [*range(len(stiffnesses)), len(sweeps.estimation_stiffness)]
         for number, stiffness in zip(numbers, (*stiffnesses, experiment.stiffness), strict=True):
             test = number == numbers[-1]
+            legs = name in robot.chains.get("legs", ())
             runs.append(
                 _run(
                     robot,
@@ -204,7 +200,8 @@ def plan_runs(
                     joint=name,
                     role="test" if test else "estimation",
                     seed=(seed, robot.joint_index(name), number),
-                    watched=LEGS_MOVE if name in robot.chains.get("legs", ()) else "",
+                    watched=LEGS_MOVE if legs else "",
+                    moves_legs=legs,
                 )
             )
     if calibration is not None:
@@ -217,6 +214,7 @@ def _calibration_runs(
 ) -> list[IdentificationRun]:
     if experiment.contacts:
         raise experiment.error("contacts", "thresholds are chosen on free motion; leave them out")
+    body = _moves_body(robot, experiment)
     return [
         _run(
             robot,
@@ -226,7 +224,8 @@ def _calibration_runs(
             joint=None,
             role="calibration",
             seed=(seed, len(robot.joint_names), number),
-            watched=BODY_MOVES if _moves_body(robot, experiment) else "",
+            watched=BODY_MOVES if body else "",
+            moves_legs=body,
         )
         for number, stiffness in enumerate(CALIBRATION_STIFFNESS)
     ]
@@ -251,6 +250,7 @@ def _run(
     role: Role,
     seed: tuple[int, ...],
     watched: str,
+    moves_legs: bool = False,
 ) -> IdentificationRun:
     experiment = replace(experiment, stiffness=stiffness)
     plan = plan_experiment(experiment, robot, MockBackend(robot), seed=seed)
@@ -266,6 +266,7 @@ def _run(
         seed=seed,
         seconds=seconds,
         watched=watched,
+        moves_legs=moves_legs,
     )
 
 

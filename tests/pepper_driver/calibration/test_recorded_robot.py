@@ -19,7 +19,7 @@ from pepper_driver.calibration.recorded_robot import (
 )
 from pepper_driver.calibration.replayed import RecordedRun, replay
 from pepper_driver.cli.app import run
-from pepper_driver.config import PlantConfig, load_plant, load_robot
+from pepper_driver.config import load_plant, load_robot
 from pepper_driver.config.files import make_folder, write_json
 from pepper_driver.identification.dataset import Manifest, RunEntry, recording_path
 from pepper_driver.observer import Recording, RecordingBuilder
@@ -167,24 +167,33 @@ def test_a_robot_is_found_again(
 
 
 def test_a_known_weight_tells_masses_from_motors() -> None:
-    """Arms of 1.5 times the mass, and gears that pass on 0.8 of the torque."""
-    joint = MeasuredJoint(
-        encoder_noise=0.0, current_noise=0.0, load_scale=1.5 / 0.8, torque_scale=1.0 / 0.8
-    )
+    """Arms of 1.5 times the mass, and gears that pass on less than all of the torque; the left hand was weighed."""
+    true = {"LElbowRoll": 0.8, "LShoulderRoll": 0.7, "RElbowRoll": 0.6, "HeadPitch": 0.5}
+    joints = {
+        name: MeasuredJoint(
+            load_scale=(1.0 if name == "HeadPitch" else 1.5) / efficiency,
+            # The weight loads the other joints too little, or not at all.
+            torque_scale=1.0 / efficiency if name == "LElbowRoll" else None,
+            encoder_noise=0.0,
+            current_noise=0.0,
+        )
+        for name, efficiency in true.items()
+    }
     runs = [RecordedRun(name="x", held_out=False, recording=still(0.5), pairing=0)]
-
-    def fitted(fact: MeasuredJoint) -> PlantConfig:
-        return with_facts(NOMINAL, replace(FACTS, joints={"LElbowRoll": fact}), runs, ROBOT)
-
-    plant = fitted(joint)
-    assert plant.actuator("LElbowRoll").efficiency == pytest.approx(0.8)
-    assert plant.body.masses["LForeArm"] == pytest.approx(1.5)
-    assert "RForeArm" not in plant.body.masses
+    plant = with_facts(NOMINAL, replace(FACTS, joints=joints), runs, ROBOT)
+    for name, efficiency in true.items():
+        assert plant.actuator(name).efficiency == pytest.approx(efficiency, rel=1e-3), name
+    # Both arms are built alike: what the left one weighs more, the right one does too.
+    for side in "LR":
+        assert plant.body.masses[f"{side}ForeArm"] == pytest.approx(1.5)
+    assert "Head" not in plant.body.masses
     assert "efficiency" in plant.actuator("LElbowRoll").origin["calibrated"]
-    assert "efficiency" in plant.actuator("RElbowRoll").origin["assumed"]
+    assert "efficiency" in plant.actuator("RElbowYaw").origin["assumed"]
     # Without the weight, all of it is the motor's.
-    plant = fitted(replace(joint, torque_scale=None))
+    unweighed = {name: replace(joint, torque_scale=None) for name, joint in joints.items()}
+    plant = with_facts(NOMINAL, replace(FACTS, joints=unweighed), runs, ROBOT)
     assert plant.actuator("LElbowRoll").efficiency == pytest.approx(0.8 / 1.5, rel=1e-3)
+    assert plant.actuator("RElbowRoll").efficiency == pytest.approx(0.6 / 1.5, rel=1e-3)
     assert not plant.body.masses
 
 

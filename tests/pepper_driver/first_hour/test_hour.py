@@ -269,6 +269,10 @@ def test_the_page_has_the_words_of_the_command(plan: HourPlan) -> None:
     assert printed == {step.name: (step.do, step.stop, step.normal) for step in plan.steps}
 
 
+def test_the_weight_is_taken_out_before_models_are_identified(plan: HourPlan) -> None:
+    assert "take the weight out of the hand" in plan.step("identify").do
+
+
 def test_nothing_in_the_plan_moves_legs_or_base(plan: HourPlan) -> None:
     legs = set(ROBOT.chains["legs"])
     for runs in plan.runs.values():
