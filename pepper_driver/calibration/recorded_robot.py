@@ -26,7 +26,7 @@ from pepper_driver.calibration.drive import (
 from pepper_driver.calibration.replayed import RecordedRun, ReplayedRun, load_runs, replay
 from pepper_driver.config import PepperError, PlantConfig, RobotConfig
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.config.plant_parts import BodyParameters
+from pepper_driver.config.plant_parts import MAX_TICKS, BodyParameters
 from pepper_driver.config.workers import Workers, run_jobs
 from pepper_driver.identification.dataset import load_measurement, read_manifest
 from pepper_driver.identification.measurements.program import MEASUREMENTS, measure_robot
@@ -52,9 +52,6 @@ MIN_EFFICIENCY = 0.2
 
 ARMS = ("left_arm", "right_arm")
 """Chains whose masses a weight in a hand shows."""
-
-MAX_TICKS = 20
-"""Longest delay in a plant file, and most late samples in a row."""
 
 Progress = Callable[[float], None]
 """Called with the fraction done, 0..1."""
@@ -240,13 +237,18 @@ def with_facts(
         robot: Its description.
 
     Raises:
-        RobotCalibrationError: No plant answers as late.
+        RobotCalibrationError: No plant answers as late, or brings no sample in time.
     """
     delay = facts.response_delay
     sensor = min(delay, max(1, start.transport.sensor_delay))
     if delay - sensor > MAX_TICKS:
         raise RobotCalibrationError(
             f"this robot answers {delay} ticks after a command; a plant does after {MAX_TICKS + sensor} at most"
+        )
+    if max(facts.late, facts.lost) >= 1.0:
+        raise RobotCalibrationError(
+            f"{facts.late:.0%} of the samples of this robot came late, {facts.lost:.0%} were lost: some must arrive in "
+            "time. Measure again, by cable"
         )
     latest = max(float(run.recording.age.max()) for run in runs)
     limits = list(facts.target_speeds.values())

@@ -12,15 +12,12 @@ import pytest
 from pepper_driver.backends.fields import RECORDED_FIELDS
 from pepper_driver.calibration import recorded_robot
 from pepper_driver.calibration.drive import changed_drive, drive_values
-from pepper_driver.calibration.recorded_robot import (
-    MAX_TICKS,
-    RobotCalibrationError,
-    with_facts,
-)
+from pepper_driver.calibration.recorded_robot import RobotCalibrationError, with_facts
 from pepper_driver.calibration.replayed import RecordedRun, replay
 from pepper_driver.cli.app import run
 from pepper_driver.config import load_plant, load_robot
 from pepper_driver.config.files import make_folder, write_json
+from pepper_driver.config.plant_parts import MAX_TICKS
 from pepper_driver.identification.dataset import Manifest, RunEntry, recording_path
 from pepper_driver.observer import Recording, RecordingBuilder
 from pepper_driver.observer.models.measured_robot import MeasuredJoint, MeasuredRobot
@@ -208,6 +205,10 @@ def test_facts_that_no_plant_has_are_limited_or_refused() -> None:
     assert with_facts(NOMINAL, replace(FACTS, delay_error=16), runs, ROBOT).response_delay == 21
     with pytest.raises(RobotCalibrationError, match="answers 22 ticks after a command"):
         with_facts(NOMINAL, replace(FACTS, delay_error=17), runs, ROBOT)
+    with pytest.raises(RobotCalibrationError, match="100% of the samples of this robot came late"):
+        with_facts(NOMINAL, replace(FACTS, late=1.0), runs, ROBOT)
+    with pytest.raises(RobotCalibrationError, match="100% were lost"):
+        with_facts(NOMINAL, replace(FACTS, lost=1.0), runs, ROBOT)
 
 
 def test_a_limit_of_targets_that_the_robot_does_not_have_is_taken_away() -> None:
