@@ -20,7 +20,7 @@ import numpy as np
 from pepper_driver.calibration.drive import (
     DriveValues,
     changed_drive,
-    drive_values,
+    values_with_lead,
     with_origin,
 )
 from pepper_driver.calibration.replayed import RecordedRun, ReplayedRun, load_runs, replay
@@ -374,7 +374,7 @@ def _begin(
     robot: RobotConfig, plant: PlantConfig, joint: str, fact: MeasuredJoint | None
 ) -> DriveValues:
     """Return the values that a search begins with: friction as measured, all else as in the plant."""
-    values = drive_values(robot, plant, joint)
+    values = values_with_lead(robot, plant, joint)
     if fact is None or not fact.friction:
         return values
     return replace(values, friction=fact.friction * plant.actuator(joint).efficiency)
@@ -483,8 +483,8 @@ def _compare(
     _, tracking_after = tracking(after[1])
     median, p90 = np.degrees(np.percentile(np.abs(real), [50, 90]))
     return JointCalibration(
-        before=drive_values(robot, before[0], joint),
-        after=drive_values(robot, after[0], joint),
+        before=values_with_lead(robot, before[0], joint),
+        after=values_with_lead(robot, after[0], joint),
         efficiency=after[0].actuator(joint).efficiency,
         held_out=held_out,
         median_deg=float(median),

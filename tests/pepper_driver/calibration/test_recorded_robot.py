@@ -11,7 +11,7 @@ import pytest
 
 from pepper_driver.backends.fields import RECORDED_FIELDS
 from pepper_driver.calibration import recorded_robot
-from pepper_driver.calibration.drive import changed_drive, drive_values
+from pepper_driver.calibration.drive import changed_drive, values_with_lead
 from pepper_driver.calibration.recorded_robot import RobotCalibrationError, with_facts
 from pepper_driver.calibration.replayed import RecordedRun, replay
 from pepper_driver.cli.app import run
@@ -140,17 +140,17 @@ def test_a_robot_is_found_again(
     assert found.targets.speed_limit == 2.2
     assert (found.transport.late, found.transport.lost) == (0.01, 0.002)
     assert found.base == NOMINAL.base
-    joint = drive_values(ROBOT, found, "LElbowRoll")
+    joint = values_with_lead(ROBOT, found, "LElbowRoll")
     assert joint.stiffness == pytest.approx(
-        drive_values(ROBOT, true, "LElbowRoll").stiffness, rel=0.01
+        values_with_lead(ROBOT, true, "LElbowRoll").stiffness, rel=0.01
     )
-    shoulder = drive_values(ROBOT, found, "LShoulderPitch")
+    shoulder = values_with_lead(ROBOT, found, "LShoulderPitch")
     assert shoulder.stiffness == pytest.approx(
-        drive_values(ROBOT, true, "LShoulderPitch").stiffness, rel=0.01
+        values_with_lead(ROBOT, true, "LShoulderPitch").stiffness, rel=0.01
     )
     # The right arm did not move: it stays as it was.
     for name in ("RElbowRoll", "HeadYaw"):
-        assert drive_values(ROBOT, found, name) == drive_values(ROBOT, NOMINAL, name)
+        assert values_with_lead(ROBOT, found, name) == values_with_lead(ROBOT, NOMINAL, name)
     shown = capsys.readouterr().out
     assert "5 as measured" in shown
     assert "hardly moved, so their values are those of 'nominal'" in shown
@@ -232,7 +232,7 @@ def test_rows_of_a_joint_that_hardly_moves_do_not_count() -> None:
 
 def test_a_lead_is_changed_and_otherwise_kept() -> None:
     drive = NOMINAL.actuator("LElbowRoll")
-    values = drive_values(ROBOT, NOMINAL, "LElbowRoll")
+    values = values_with_lead(ROBOT, NOMINAL, "LElbowRoll")
     later = changed_drive(ROBOT, drive, "LElbowRoll", replace(values, lead=0.01), "calibrated")
     assert later.kd / later.kp == pytest.approx(0.01, rel=1e-3)
     kept = changed_drive(ROBOT, drive, "LElbowRoll", replace(values, lead=None), "calibrated")
