@@ -20,13 +20,13 @@ import numpy as np
 from pepper_driver.calibration.drive import (
     DriveValues,
     changed_drive,
-    drive_values,
+    values_with_lead,
     with_origin,
 )
 from pepper_driver.calibration.replayed import RecordedRun, ReplayedRun, load_runs, replay
 from pepper_driver.config import PepperError, PlantConfig, RobotConfig
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.config.plant_parts import BodyParameters
+from pepper_driver.config.plant_parts import MAX_TICKS, BodyParameters
 from pepper_driver.config.workers import Workers, run_jobs
 from pepper_driver.identification.dataset import load_measurement, read_manifest
 from pepper_driver.identification.measurements.program import MEASUREMENTS, measure_robot
@@ -52,9 +52,6 @@ MIN_EFFICIENCY = 0.2
 
 ARMS = ("left_arm", "right_arm")
 """Chains whose masses a weight in a hand shows."""
-
-MAX_TICKS = 20
-"""Longest delay in a plant file, and most late samples in a row."""
 
 Progress = Callable[[float], None]
 """Called with the fraction done, 0..1."""
@@ -240,13 +237,18 @@ def with_facts(
         robot: Its description.
 
     Raises:
-        RobotCalibrationError: No plant answers as late.
+        RobotCalibrationError: No plant answers as late, or brings no sample in time.
     """
     delay = facts.response_delay
     sensor = min(delay, max(1, start.transport.sensor_delay))
     if delay - sensor > MAX_TICKS:
         raise RobotCalibrationError(
             f"this robot answers {delay} ticks after a command; a plant does after {MAX_TICKS + sensor} at most"
+        )
+    if max(facts.late, facts.lost) >= 1.0:
+        raise RobotCalibrationError(
+            f"{facts.late:.0%} of the samples of this robot came late, {facts.lost:.0%} were lost: some must arrive in "
+            "time. Measure again, by cable"
         )
     latest = max(float(run.recording.age.max()) for run in runs)
     limits = list(facts.target_speeds.values())
@@ -372,7 +374,7 @@ def _begin(
     robot: RobotConfig, plant: PlantConfig, joint: str, fact: MeasuredJoint | None
 ) -> DriveValues:
     """Return the values that a search begins with: friction as measured, all else as in the plant."""
-    values = drive_values(robot, plant, joint)
+    values = values_with_lead(robot, plant, joint)
     if fact is None or not fact.friction:
         return values
     return replace(values, friction=fact.friction * plant.actuator(joint).efficiency)
@@ -481,8 +483,8 @@ def _compare(
     _, tracking_after = tracking(after[1])
     median, p90 = np.degrees(np.percentile(np.abs(real), [50, 90]))
     return JointCalibration(
-        before=drive_values(robot, before[0], joint),
-        after=drive_values(robot, after[0], joint),
+        before=values_with_lead(robot, before[0], joint),
+        after=values_with_lead(robot, after[0], joint),
         efficiency=after[0].actuator(joint).efficiency,
         held_out=held_out,
         median_deg=float(median),

@@ -377,20 +377,22 @@ def identify(
     print_fits(console, result)
     save_json(json_file, result.as_json(), console)
     if not accept_blind:
-        _refuse_blind(result, out, folder)
+        again = f"pepper identify --fit-only --recordings {folder} --out {out} --accept-blind"
+        again += "" if mirror else " --no-mirror"
+        again += " --share-types" if share_types else ""
+        _refuse_blind(result, again)
     result.models.save(out)
     console.print(f"models: {out}; recordings: {folder}")
     return 0
 
 
-def _refuse_blind(result: Identification, out: Path, folder: Path) -> None:
-    """Refuse models with blind joints, and say how to have them all the same."""
+def _refuse_blind(result: Identification, again: str) -> None:
+    """Refuse models with blind joints, and say by which command to have them all the same."""
     try:
         result.refuse_blind()
     except BlindModelError as error:
         raise BlindModelError(
-            f"{error}. Nothing is written; to write them all the same: "
-            f"pepper identify --fit-only --recordings {folder} --out {out} --accept-blind"
+            f"{error}. Nothing is written; to write them all the same: {again}"
         ) from error
 
 

@@ -11,16 +11,13 @@ import pytest
 
 from pepper_driver.backends.fields import RECORDED_FIELDS
 from pepper_driver.calibration import recorded_robot
-from pepper_driver.calibration.drive import changed_drive, drive_values
-from pepper_driver.calibration.recorded_robot import (
-    MAX_TICKS,
-    RobotCalibrationError,
-    with_facts,
-)
+from pepper_driver.calibration.drive import changed_drive, values_with_lead
+from pepper_driver.calibration.recorded_robot import RobotCalibrationError, with_facts
 from pepper_driver.calibration.replayed import RecordedRun, replay
 from pepper_driver.cli.app import run
 from pepper_driver.config import load_plant, load_robot
 from pepper_driver.config.files import make_folder, write_json
+from pepper_driver.config.plant_parts import MAX_TICKS
 from pepper_driver.identification.dataset import Manifest, RunEntry, recording_path
 from pepper_driver.observer import Recording, RecordingBuilder
 from pepper_driver.observer.models.measured_robot import MeasuredJoint, MeasuredRobot
@@ -143,17 +140,17 @@ def test_a_robot_is_found_again(
     assert found.targets.speed_limit == 2.2
     assert (found.transport.late, found.transport.lost) == (0.01, 0.002)
     assert found.base == NOMINAL.base
-    joint = drive_values(ROBOT, found, "LElbowRoll")
+    joint = values_with_lead(ROBOT, found, "LElbowRoll")
     assert joint.stiffness == pytest.approx(
-        drive_values(ROBOT, true, "LElbowRoll").stiffness, rel=0.01
+        values_with_lead(ROBOT, true, "LElbowRoll").stiffness, rel=0.01
     )
-    shoulder = drive_values(ROBOT, found, "LShoulderPitch")
+    shoulder = values_with_lead(ROBOT, found, "LShoulderPitch")
     assert shoulder.stiffness == pytest.approx(
-        drive_values(ROBOT, true, "LShoulderPitch").stiffness, rel=0.01
+        values_with_lead(ROBOT, true, "LShoulderPitch").stiffness, rel=0.01
     )
     # The right arm did not move: it stays as it was.
     for name in ("RElbowRoll", "HeadYaw"):
-        assert drive_values(ROBOT, found, name) == drive_values(ROBOT, NOMINAL, name)
+        assert values_with_lead(ROBOT, found, name) == values_with_lead(ROBOT, NOMINAL, name)
     shown = capsys.readouterr().out
     assert "5 as measured" in shown
     assert "hardly moved, so their values are those of 'nominal'" in shown
@@ -208,6 +205,10 @@ def test_facts_that_no_plant_has_are_limited_or_refused() -> None:
     assert with_facts(NOMINAL, replace(FACTS, delay_error=16), runs, ROBOT).response_delay == 21
     with pytest.raises(RobotCalibrationError, match="answers 22 ticks after a command"):
         with_facts(NOMINAL, replace(FACTS, delay_error=17), runs, ROBOT)
+    with pytest.raises(RobotCalibrationError, match="100% of the samples of this robot came late"):
+        with_facts(NOMINAL, replace(FACTS, late=1.0), runs, ROBOT)
+    with pytest.raises(RobotCalibrationError, match="100% were lost"):
+        with_facts(NOMINAL, replace(FACTS, lost=1.0), runs, ROBOT)
 
 
 def test_a_limit_of_targets_that_the_robot_does_not_have_is_taken_away() -> None:
@@ -231,7 +232,7 @@ def test_rows_of_a_joint_that_hardly_moves_do_not_count() -> None:
 
 def test_a_lead_is_changed_and_otherwise_kept() -> None:
     drive = NOMINAL.actuator("LElbowRoll")
-    values = drive_values(ROBOT, NOMINAL, "LElbowRoll")
+    values = values_with_lead(ROBOT, NOMINAL, "LElbowRoll")
     later = changed_drive(ROBOT, drive, "LElbowRoll", replace(values, lead=0.01), "calibrated")
     assert later.kd / later.kp == pytest.approx(0.01, rel=1e-3)
     kept = changed_drive(ROBOT, drive, "LElbowRoll", replace(values, lead=None), "calibrated")

@@ -108,9 +108,15 @@ def test_models_with_blind_joints_are_written_only_when_they_are_accepted(
     assert "LElbowRoll is blind" in line
     assert line.endswith(f"--recordings {elbows} --out {out} --accept-blind")
     assert not out.exists()
-    assert run(["identify", *options, "--accept-blind"]) == 0
+    # The command that is printed makes the models that were asked for.
+    assert run(["identify", *options, "--no-mirror", "--share-types"]) == 2
+    command = capsys.readouterr().err.partition("pepper identify")[2].split()
+    assert command[-3:] == ["--accept-blind", "--no-mirror", "--share-types"]
+    assert run(["identify", *command]) == 0
     assert "warning: LElbowRoll: is blind" in capsys.readouterr().out
-    assert "LElbowRoll" in ModelSet.load(out).models
+    written = ModelSet.load(out)
+    assert set(written.models) == {"LElbowRoll", "RElbowRoll", "HeadPitch"}
+    assert written.created_by.endswith("--no-mirror --share-types")
 
 
 @pytest.mark.parametrize(
