@@ -137,8 +137,16 @@ def test_a_delay_that_was_reported_wrongly_is_found(folder: Path) -> None:
     }
     response = runs[RESPONSE]
     late = replace(response, current=response.current[[0] * 4 + [*range(len(response) - 4)]])
-    found = measure_robot({**runs, RESPONSE: late}, 6, ROBOT)
+    # One joint that never rests: its noise is not known.
+    sent, head = late.sent_position.copy(), ROBOT.joint_index("HeadYaw")
+    sent[:, head] = 0.01 * np.arange(len(late))
+    found = measure_robot({**runs, RESPONSE: replace(late, sent_position=sent)}, 6, ROBOT)
     assert (found.delay_error, found.response_delay) == (4, 10)
+    assert (found.joints["HeadYaw"].encoder_noise, found.joints["HeadYaw"].current_noise) == (
+        None,
+        None,
+    )
+    assert found.joints["HeadPitch"].encoder_noise is not None
     still = replace(response, current=0.0 * response.current)
     with pytest.raises(ResponseError):
         measure_robot({**runs, RESPONSE: still}, 6, ROBOT)
