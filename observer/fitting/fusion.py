@@ -162,6 +162,7 @@ def fit_joint_fusion(
     robot: RobotConfig,
     *,
     stick_slip: StickSlipParameters | None = None,
+    target_speed: float = NO_LIMIT,
 ) -> FusionModel:
     """Fit a model without its threshold, which requires all joints at once; see :func:`fit_bounds`.
 
@@ -170,10 +171,11 @@ def fit_joint_fusion(
         recordings: The estimation runs.
         robot: Its description.
         stick_slip: Its stick-slip model, if it is known already.
+        target_speed: Largest speed of its board's target [rad/s]; one that is known already has it.
     """
     cycle = robot.cycle
     if stick_slip is None:
-        stick_slip = fit_joint_stick_slip(joint, recordings, robot)
+        stick_slip = fit_joint_stick_slip(joint, recordings, robot, target_speed)
     data = _joined([_simulate(joint, recording, stick_slip, cycle) for recording in recordings])
     growth = AffineGrowth(data.features, data.model_error, max_leaves=REMAINDER_LEAVES)
     remainder = growth.cut(REMAINDER_LEAVES, REMAINDER_SHRINKAGE)

@@ -33,6 +33,7 @@ from pepper_driver.observer import (
     predict_recording,
 )
 from pepper_driver.observer.fitting.samples import in_working_range
+from pepper_driver.observer.models.stick_slip import NO_LIMIT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,15 +66,24 @@ def shared_fits(
     recordings: IdentificationDataset,
     robot: RobotConfig,
     fits: Mapping[str, FitScore[float]],
+    target_speeds: Mapping[str, float] | None = None,
 ) -> tuple[SharedFit, ...]:
-    """Return the loss of each recorded joint that takes a model; ``fits`` are those of the shared models."""
+    """Return the loss of each recorded joint that takes a model.
+
+    Args:
+        kind: Of the models.
+        recordings: What they were fitted to.
+        robot: Its description.
+        fits: Of the shared models.
+        target_speeds: As the shared models have them; see :func:`fit_models`.
+    """
     sources = model_sources(recordings, robot, mirror=False)
     return tuple(
         SharedFit(
             joint=entry.joint,
             source=sources[entry.joint],
             shared=fits[entry.joint].test,
-            own=_own_fit(kind, entry, robot),
+            own=_own_fit(kind, entry, robot, (target_speeds or {}).get(entry.joint, NO_LIMIT)),
             halves=not entry.estimation,
         )
         for entry in recordings.sweeps
@@ -81,33 +91,23 @@ def shared_fits(
     )
 
 
-def _own_fit(kind: ModelKind, entry: JointDataset, robot: RobotConfig) -> float | None:
+def _own_fit(
+    kind: ModelKind, entry: JointDataset, robot: RobotConfig, target_speed: float
+) -> float | None:
+    def fit(*runs: Recording) -> Predictor:
+        model = fit_one(kind, entry.joint, runs, robot, target_speed=target_speed)
+        return predictor(model, entry.joint)
+
     try:
         if entry.estimation:
-            model = fit_one(kind, entry.joint, entry.estimation, robot)
-            return mean_fit(entry, (entry.test,), predictor(model, entry.joint))
+            return mean_fit(entry, (entry.test,), fit(*entry.estimation))
         # The sequence is played twice, with other postures of the neighbours: one half predicts the other.
         half = len(entry.test) // 2
         first, second = part(entry.test, 0, half), part(entry.test, half, len(entry.test))
-        predicted = np.concatenate(
-            (
-                _predicted(kind, entry, second, first, robot),
-                _predicted(kind, entry, first, second, robot),
-            )
-        )
+        predicted = np.concatenate((fit(second)(first), fit(first)(second)))
         return nrmse_fit(entry.test.tracking_error(entry.index), predicted)
     except FittingError:
         return None
-
-
-def _predicted(
-    kind: ModelKind,
-    entry: JointDataset,
-    known: Recording,
-    unknown: Recording,
-    robot: RobotConfig,
-) -> FloatArray:
-    return predictor(fit_one(kind, entry.joint, (known,), robot), entry.joint)(unknown)
 
 
 def part(recording: Recording, begin: int, end: int) -> Recording:
@@ -187,11 +187,16 @@ def fit_models(
 
 
 def fit_one(
-    kind: ModelKind, joint: str, recordings: Sequence[Recording], robot: RobotConfig
+    kind: ModelKind,
+    joint: str,
+    recordings: Sequence[Recording],
+    robot: RobotConfig,
+    *,
+    target_speed: float = NO_LIMIT,
 ) -> JointModel:
-    """Return a model of one joint; of kind ``fusion``, without its thresholds."""
+    """Return a model of one joint; of kind ``fusion``, with this speed of its target, without its thresholds."""
     if kind == "fusion":
-        return fit_joint_fusion(joint, recordings, robot)
+        return fit_joint_fusion(joint, recordings, robot, target_speed=target_speed)
     return fit_joint(joint, recordings, kind)
 
 

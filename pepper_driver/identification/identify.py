@@ -423,13 +423,14 @@ def _fit_folder(
     manifest, recordings = read_manifest(folder), load_recordings(folder, robot)
     share_types = share_types or bool(manifest.tested)
     measured = _measured(manifest, recordings, robot)
+    target_speeds = None if measured is None else measured.target_speeds
     fitted = fit_models(
         kind,
         recordings,
         robot,
         mirror=mirror,
         share_types=share_types,
-        target_speeds=None if measured is None else measured.target_speeds,
+        target_speeds=target_speeds,
         workers=workers,
     )
     fits: dict[str, dict[str, FitScore[float]]] = {kind: fitted.fits}
@@ -463,7 +464,9 @@ def _fit_folder(
         ),
         fits=fits,
         recorded=tuple(entry.joint for entry in recordings.sweeps),
-        shared=shared_fits(kind, recordings, robot, fitted.fits) if share_types else (),
+        shared=shared_fits(kind, recordings, robot, fitted.fits, target_speeds)
+        if share_types
+        else (),
         sensitivities=sensitivities,
         findings=findings,
         blind=blind_joints(fitted.fits, sensitivities, findings, robot),
