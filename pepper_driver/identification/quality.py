@@ -258,7 +258,10 @@ def _bursts(
             text = f"looks as if it was touched {size}"
             kind: Kind = "contact"
             if isinstance(model, FusionModel) and doubtful_samples(run, joint, model)[sample]:
-                text = f"rests off its command, and its motor does not work against that, {size}"
+                text = (
+                    "falls behind its command, or rests off it while its motor does not work against that: no sign of "
+                    f"touch, {size}"
+                )
                 kind = "doubtful"
             found.append(Finding(kind=kind, joint=joint, run=name, text=text))
     return found

@@ -33,7 +33,7 @@ from pepper_driver.observer import (
     nrmse_fit,
     predict_recording,
 )
-from support.fusion import STICK_SLIP, drive, fusion_model, recording_of, swing
+from support.fusion import STICK_SLIP, drive, followed, fusion_model, recording_of, swing
 from support.identification import (
     BODY,
     FULL,
@@ -263,11 +263,8 @@ def test_own_and_shared_models_know_the_same_limit_of_the_target(
 ) -> None:
     """Both have the constants of the joint itself: sharing costs nothing."""
     motion, limit = swing(16.0), 0.4
-    reached = motion.position.copy()
-    for k in range(1, len(reached)):
-        way = motion.position[k] - reached[k - 1]
-        reached[k] = reached[k - 1] + np.clip(way, -limit * ROBOT.cycle, limit * ROBOT.cycle)
-    run = recording_of(motion, drive(replace(motion, position=reached)))
+    slower = replace(motion, position=followed(motion.position, limit))
+    run = recording_of(motion, drive(slower))
     shared = fusion_model(replace(STICK_SLIP, target_speed=limit))
     entry = JointDataset(joint="LElbowRoll", estimation=() if halves else (run,), test=run)
     source = replace(entry, joint="HeadPitch", estimation=(run,))
