@@ -58,7 +58,7 @@ from pepper_driver.identification.measurements.response import (
     ResponseError,
     measure_response,
 )
-from pepper_driver.identification.quality import Finding, inspect_recordings
+from pepper_driver.identification.quality import Finding, inspect_recordings, wandering_targets
 from pepper_driver.identification.runs import (
     IdentificationRun,
     check_dry_run,
@@ -445,6 +445,7 @@ def _fit_folder(
         *_weight_findings(measured),
         *inspect_recordings(recordings, fitted.models),
     )
+    causes = (*findings, *wandering_targets(recordings, fitted.models))
     sensitivities = joint_sensitivities(fitted.models, recordings.free_motion, robot)
     return Identification(
         models=ModelSet(
@@ -469,7 +470,7 @@ def _fit_folder(
         else (),
         sensitivities=sensitivities,
         findings=findings,
-        blind=blind_joints(fitted.fits, sensitivities, findings, robot),
+        blind=blind_joints(fitted.fits, sensitivities, causes, robot),
     )
 
 

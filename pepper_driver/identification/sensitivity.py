@@ -34,7 +34,16 @@ POSTURE = "Stand"
 PLACES = {"hand": (HAND_LINKS["left"], GRIP), "forearm": ("LForeArm", (0.1, 0.0, 0.0))}
 """Link and point in its frame [m] at which forces are given, of the left arm; the right one is its mirror image."""
 
-CAUSES: tuple[Kind, ...] = ("behind", "current", "bound", "excitation", "gaps", "stale", "contact")
+CAUSES: tuple[Kind, ...] = (
+    "behind",
+    "current",
+    "bound",
+    "excitation",
+    "gaps",
+    "stale",
+    "wander",
+    "contact",
+)
 """Findings that may explain a blind joint, the likeliest first."""
 
 

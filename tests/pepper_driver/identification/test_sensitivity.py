@@ -116,6 +116,8 @@ def test_the_likeliest_cause_is_named_also_of_a_mirrored_joint() -> None:
         Finding(kind="contact", text="was touched", **place),
         Finding(kind="behind", text="falls behind", **place),
     ]
+    wander = Finding(kind="wander", joint="LElbowRoll", run=None, text="target wanders")
+    assert "cause: target" in blind("RElbowRoll", sensitivity(1.0, 1.0), 50.0, findings[0], wander)
     other = Finding(kind="current", joint="LShoulderRoll", run=None, text="clipped")
     assert "cause: falls behind" in blind("RElbowRoll", sensitivity(5.0, 5.0), 90.0, *findings)
     assert "cause: unknown" in blind("RElbowRoll", sensitivity(5.0, 5.0), 90.0, other)
