@@ -87,7 +87,7 @@ def shared_fits(
             halves=not entry.estimation,
         )
         for entry in recordings.sweeps
-        if sources[entry.joint] != entry.joint
+        if sources[entry.joint] != entry.joint and entry.joint in fits
     )
 
 
@@ -127,11 +127,15 @@ CLOSED_FORM = "closed form"
 
 
 class FittedModels(NamedTuple):
-    """By joint: the models, how well they predict, and the thresholds of the residual [rad]; and the base's model."""
+    """By joint: the models, how well they predict, and the thresholds of the residual [rad]; and the base's model.
+
+    ``left_out`` has the joints whose recordings determine no model of kind ``fusion``, and why.
+    """
 
     models: dict[str, JointModel]
     fits: dict[str, FitScore[float]]
     thresholds: dict[str, float]
+    left_out: dict[str, str]
     base: BaseModel | None = None
 
 
@@ -157,7 +161,7 @@ def fit_models(
         workers: Processes for models of kind ``fusion``, -1 for one per core; or a cluster.
 
     Raises:
-        FittingError: Recordings that determine nothing.
+        FittingError: Recordings that determine nothing; of kind ``fusion``, those of all joints.
     """
     if kind == "fusion":
         return _fit_fusion(
@@ -170,7 +174,7 @@ def fit_models(
         )
     window = load_observer_settings().median_window
     sources = model_sources(recordings, robot, mirror=mirror) if share_types else {}
-    fitted = FittedModels({}, {}, {})
+    fitted = FittedModels({}, {}, {}, {})
     # Joints that give their model away come before those that take it.
     entries = recordings.entries(robot, mirror=mirror)
     waiting = []
@@ -213,7 +217,7 @@ def _fit_fusion(
     sources = model_sources(recordings, robot, mirror=mirror) if share_types else {}
     entries = list(recordings.entries(robot, mirror=mirror))
     own = [entry for entry in entries if sources.get(entry.joint, entry.joint) == entry.joint]
-    models, base = fit_fusion(
+    models, left_out, base = fit_fusion(
         robot,
         {entry.joint: entry.estimation for entry in own},
         {
@@ -229,18 +233,30 @@ def _fit_fusion(
     )
     fits = {}
     for entry in entries:
-        predict = predictor(models[entry.joint], entry.joint)
-        test = mean_fit(entry, (entry.test,), predict)
-        runs = entry.estimation
-        fits[entry.joint] = FitScore(
-            estimation=mean_fit(entry, runs, predict) if runs else test, test=test
-        )
+        if entry.joint in models:
+            try:
+                fits[entry.joint] = _scores(entry, predictor(models[entry.joint], entry.joint))
+            except FittingError as error:
+                left_out[entry.joint] = str(error)
+    # A joint whose model comes from one that is left out is not compared with anything.
+    left_out |= {joint: left_out[source] for joint, source in sources.items() if source in left_out}
+    if len(left_out) == len(entries):
+        raise FittingError(next(iter(left_out.values())))
+    kept = {name: model for name, model in models.items() if name not in left_out}
     return FittedModels(
-        models=dict(models),
-        fits=fits,
-        thresholds={name: model.max_bound for name, model in models.items()},
+        models=dict(kept),
+        fits={name: fits[name] for name in kept},
+        thresholds={name: model.max_bound for name, model in kept.items()},
+        left_out=left_out,
         base=base,
     )
+
+
+def _scores(entry: JointDataset, predict: Predictor) -> FitScore[float]:
+    """Return how well the runs of a joint are predicted; without estimation runs, the test run alone."""
+    test = mean_fit(entry, (entry.test,), predict)
+    runs = entry.estimation
+    return FitScore(estimation=mean_fit(entry, runs, predict) if runs else test, test=test)
 
 
 def _add(
@@ -306,15 +322,10 @@ def closed_form_fits(
     mirror: bool,
 ) -> dict[str, FitScore[float]]:
     """Return by joint how well Eq. 11 predicts with the true parameters of a simulated robot; ``cycle`` in [s]."""
-    fits = {}
-    for entry in recordings.entries(robot, mirror=mirror):
-        predict = _oracle(plant, cycle, robot, entry.joint)
-        test = mean_fit(entry, (entry.test,), predict)
-        runs = entry.estimation
-        fits[entry.joint] = FitScore(
-            estimation=mean_fit(entry, runs, predict) if runs else test, test=test
-        )
-    return fits
+    return {
+        entry.joint: _scores(entry, _oracle(plant, cycle, robot, entry.joint))
+        for entry in recordings.entries(robot, mirror=mirror)
+    }
 
 
 def mean_fit(entry: JointDataset, runs: Sequence[Recording], predict: Predictor) -> float:

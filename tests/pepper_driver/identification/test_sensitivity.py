@@ -36,7 +36,7 @@ def sensitivity(degrees: float, torque: float) -> JointSensitivity:
 
 def blind(joint: str, one: JointSensitivity, test_fit: float = 90.0, *findings: Finding) -> str:
     fit = FitScore(estimation=90.0, test=test_fit)
-    found = blind_joints({joint: fit}, {joint: one}, findings, ROBOT)
+    found = blind_joints({joint: fit}, {joint: one}, findings, ROBOT, {})
     assert all(f.kind == "blind" and f.joint == joint and f.run is None for f in found)
     return "; ".join(f.text for f in found)
 
