@@ -16,7 +16,7 @@ from pepper_driver.observer.fitting.samples import (
     in_working_range,
 )
 from pepper_driver.observer.fitting.stick_slip import START_UP_TIME
-from pepper_driver.observer.fitting.tree import FittingError, fit_cart
+from pepper_driver.observer.fitting.tree import fit_cart
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.model_file import JointModel, predict_recording
 from pepper_driver.observer.models.tree import LEAF, CartTree
@@ -103,8 +103,9 @@ def fit_bounds(
         window: Samples of the median.
         hands: Estimate of the loads of the hands, as in use.
 
-    Raises:
-        FittingError: A joint has no sample that counts.
+    Returns:
+        The models with their thresholds, without joints none of whose samples counts: in all of them they fall behind,
+        or are in doubt.
     """
     names = calibration[0].joint_names
     ordered = [models.get(name) for name in names]
@@ -128,15 +129,12 @@ def fit_bounds(
         phases.append(motion_phase(recording, cycle))
     momentum_maxima = _momentum_maxima(ordered, calibration, cycle)
     residual, phase = np.concatenate(residuals), np.concatenate(phases)
-    result = dict(models)
+    result = {}
     for index, name in enumerate(names):
         if name in models:
             seen = np.isfinite(residual[:, index])
             if not seen.any():
-                raise FittingError(
-                    f"{name}: none of its samples in the free motion for thresholds counts: in all of them it falls "
-                    "behind, or is in doubt"
-                )
+                continue
             sizes, phases_seen = residual[seen, index], phase[seen, index]
             result[name] = replace(
                 models[name],

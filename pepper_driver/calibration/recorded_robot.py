@@ -260,10 +260,14 @@ def with_facts(
         longest_late=min(round(latest / robot.cycle), MAX_TICKS),
         lost=facts.lost,
         encoder_noise=_without_steps(
-            [joint.encoder_noise for joint in facts.joints.values()], robot.sensors.encoder.step
+            [joint.encoder_noise for joint in facts.joints.values()],
+            robot.sensors.encoder.step,
+            start.transport.encoder_noise,
         ),
         current_noise=_without_steps(
-            [joint.current_noise for joint in facts.joints.values()], robot.sensors.current.step
+            [joint.current_noise for joint in facts.joints.values()],
+            robot.sensors.current.step,
+            start.transport.current_noise,
         ),
     )
     targets = start.targets
@@ -291,9 +295,12 @@ def with_facts(
     )
 
 
-def _without_steps(noise: Sequence[float], step: float) -> float:
-    """Return the noise of a sensor without that of its steps, median of the joints."""
-    spread = float(np.median(noise)) ** 2 - step**2 / 12.0
+def _without_steps(noise: Sequence[float | None], step: float, unknown: float) -> float:
+    """Return the noise of a sensor without that of its steps, median of the joints; ``unknown`` where none shows it."""
+    known = [value for value in noise if value is not None]
+    if not known:
+        return unknown
+    spread = float(np.median(known)) ** 2 - step**2 / 12.0
     return _rounded(float(np.sqrt(max(spread, 0.0))))
 
 

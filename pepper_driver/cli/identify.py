@@ -115,8 +115,8 @@ def print_measured(console: Console, measured: MeasuredRobot | None) -> None:
     for joint, one in measured.joints.items():
         table.add_row(
             joint,
-            f"{math.degrees(one.encoder_noise):.3f}",
-            f"{one.current_noise:.3f}",
+            "-" if one.encoder_noise is None else f"{math.degrees(one.encoder_noise):.3f}",
+            "-" if one.current_noise is None else f"{one.current_noise:.3f}",
             "-" if one.dead_band is None else f"{math.degrees(one.dead_band):.2f}",
             "-" if one.friction is None else f"{one.friction:.3g}",
             "-" if one.load_scale is None else f"{one.load_scale:.2f}",

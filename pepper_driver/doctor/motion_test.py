@@ -352,7 +352,7 @@ def _judge_sensors(
     least = robot.sensors.encoder.step / 4
     rough = [
         joint in before.joints
-        and size > MAX_NOISE_RATIO * max(before.joints[joint].encoder_noise, least)
+        and size > MAX_NOISE_RATIO * max(before.joints[joint].encoder_noise or 0.0, least)
         for joint, size in noise.items()
     ]
     parts, remedies = [found], []

@@ -6,7 +6,7 @@ import dataclasses
 import json
 import logging
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, field
 from importlib.metadata import version
 from pathlib import Path
@@ -82,6 +82,11 @@ class IdentificationDataset:
     def free_motion(self) -> tuple[Recording, ...]:
         """Motion that no model is fitted to: the calibration, or without it the test runs."""
         return self.calibration or tuple(entry.test for entry in self.sweeps)
+
+    def without(self, joints: Collection[str]) -> IdentificationDataset:
+        """Return the dataset without the sweeps of these joints."""
+        kept = tuple(entry for entry in self.sweeps if entry.joint not in joints)
+        return dataclasses.replace(self, sweeps=kept)
 
     def entries(self, robot: RobotConfig, *, mirror: bool = True) -> Iterator[JointDataset]:
         """Yield the recordings of each joint that gets a model.

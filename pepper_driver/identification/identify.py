@@ -59,7 +59,7 @@ from pepper_driver.identification.measurements.response import (
     ResponseError,
     measure_response,
 )
-from pepper_driver.identification.quality import Finding, inspect_recordings
+from pepper_driver.identification.quality import Finding, inspect_recordings, wandering_targets
 from pepper_driver.identification.runs import (
     IdentificationRun,
     check_dry_run,
@@ -252,7 +252,7 @@ class Identification:
         models: Of the chosen kind.
         fits: By method and joint: the chosen kind first; where methods were compared, then the trees of the paper and,
             on a simulated robot, the closed form of Eq. 11 with the plant's true parameters.
-        recorded: Joints that were recorded; the others that have models are their mirror images.
+        recorded: Joints that were recorded and have a model; the others that have one are their mirror images.
         shared: Loss of shared models, where motor types have one.
         sensitivities: By joint, the touch that it detects; of models of kind ``fusion``.
         findings: Why the models may be poor.
@@ -468,27 +468,30 @@ def _fit_folder(
     manifest, recordings = read_manifest(folder), load_recordings(folder, robot)
     share_types = share_types or bool(manifest.tested)
     measured = _measured(manifest, recordings, robot)
+    target_speeds = None if measured is None else measured.target_speeds
     fitted = fit_models(
         kind,
         recordings,
         robot,
         mirror=mirror,
         share_types=share_types,
-        target_speeds=None if measured is None else measured.target_speeds,
+        target_speeds=target_speeds,
         workers=workers,
     )
     fits: dict[str, dict[str, FitScore[float]]] = {kind: fitted.fits}
+    modelled = recordings.without(fitted.left_out)
     if compare:
         for other in TREE_TYPES:
             if other != kind:
                 fits[other] = fit_models(
-                    other, recordings, robot, mirror=mirror, share_types=share_types
+                    other, modelled, robot, mirror=mirror, share_types=share_types
                 ).fits
-        fits |= _closed_form(manifest, recordings, robot, mirror=mirror)
+        fits |= _closed_form(manifest, modelled, robot, mirror=mirror)
     findings = (
         *_weight_findings(measured),
         *inspect_recordings(recordings, fitted.models),
     )
+    causes = (*findings, *wandering_targets(recordings, fitted.models))
     sensitivities = joint_sensitivities(fitted.models, recordings.free_motion, robot)
     return Identification(
         models=ModelSet(
@@ -507,11 +510,13 @@ def _fit_folder(
             created_by=_command(manifest, kind, mirror=mirror, share_types=share_types),
         ),
         fits=fits,
-        recorded=tuple(entry.joint for entry in recordings.sweeps),
-        shared=shared_fits(kind, recordings, robot, fitted.fits) if share_types else (),
+        recorded=tuple(entry.joint for entry in modelled.sweeps),
+        shared=shared_fits(kind, recordings, robot, fitted.fits, target_speeds)
+        if share_types
+        else (),
         sensitivities=sensitivities,
         findings=findings,
-        blind=blind_joints(fitted.fits, sensitivities, findings, robot),
+        blind=blind_joints(fitted.fits, sensitivities, causes, robot, fitted.left_out),
     )
 
 

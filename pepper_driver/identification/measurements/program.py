@@ -122,7 +122,7 @@ def _joint(
     weight: HeldWeight | None,
 ) -> MeasuredJoint:
     noise = measure_noise(recordings[RESPONSE], joint)
-    encoder, current = (0.0, 0.0) if noise is None else noise
+    encoder, current = (None, None) if noise is None else noise
     friction = measure_friction([recordings[FRICTION]], joint, robot)
     speed = measure_speed(recordings[SPEED], joint, robot)
     torque_scale = None

@@ -211,6 +211,18 @@ def test_facts_that_no_plant_has_are_limited_or_refused() -> None:
         with_facts(NOMINAL, replace(FACTS, lost=1.0), runs, ROBOT)
 
 
+def test_a_noise_that_was_not_measured_is_that_of_the_plant() -> None:
+    runs = [RecordedRun(name="x", held_out=False, recording=still(0.5), pairing=0)]
+    facts = replace(FACTS, joints={"LElbowRoll": MeasuredJoint()})
+    transport = with_facts(NOMINAL, facts, runs, ROBOT).transport
+    assert transport.encoder_noise == NOMINAL.transport.encoder_noise
+    # Joints that never rested do not count among the others.
+    facts = replace(FACTS, joints={**FACTS.joints, **dict.fromkeys("abc", MeasuredJoint())})
+    noisy = with_facts(NOMINAL, facts, runs, ROBOT).transport
+    assert noisy == with_facts(NOMINAL, FACTS, runs, ROBOT).transport
+    assert noisy.encoder_noise > 0.0
+
+
 def test_a_limit_of_targets_that_the_robot_does_not_have_is_taken_away() -> None:
     runs = [RecordedRun(name="x", held_out=False, recording=still(0.5), pairing=0)]
     limited = replace(NOMINAL, targets=replace(NOMINAL.targets, speed_limit=2.0))

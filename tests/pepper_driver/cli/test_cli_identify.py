@@ -119,6 +119,28 @@ def test_models_with_blind_joints_are_written_only_when_they_are_accepted(
     assert written.created_by.endswith("--no-mirror --share-types")
 
 
+def test_one_bad_joint_is_blind_and_does_not_cost_the_others(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    elbows: Path,
+) -> None:
+    monkeypatch.setattr(identify_module, "perform", None)  # nothing is driven
+    out, right = tmp_path / "models.json", ROBOT.joint_index("RElbowRoll")
+    for path in elbows.glob("RElbowRoll-*.npz"):
+        run_ = Recording.load(path, ROBOT)
+        position = run_.position.copy()
+        position[:, right] -= 0.5
+        replace(run_, position=position).save(path)
+    options = ["--fit-only", "--recordings", str(elbows), "--out", str(out), "--workers", "1"]
+    assert run(["identify", *options]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "RElbowRoll is blind: it has no model. RElbowRoll: it falls behind" in line
+    assert run(["identify", *options, "--accept-blind"]) == 0
+    assert "warning: RElbowRoll: is blind: it has no model" in capsys.readouterr().out
+    assert set(ModelSet.load(out).models) == {"LElbowRoll", "HeadPitch"}
+
+
 @pytest.mark.parametrize(
     ("options", "word"),
     [
