@@ -105,6 +105,8 @@ class BackendInfo:
         identity: Hash of the simulated robot, or the body id of a real one. Models carry it.
         name: Human-readable: plant of a simulated robot, or address of a real one.
         parents: Plants that a simulated robot is a variant of, nearest first: their models serve it too.
+        robot_type: Type that the robot itself says it is, such as ``Juliette``; empty where it says none.
+        system_version: Version of its own software, such as ``2.5.10.7`` of NAOqi; empty likewise.
     """
 
     joint_names: tuple[str, ...]
@@ -114,6 +116,8 @@ class BackendInfo:
     identity: str
     name: str = ""
     parents: tuple[RobotIdentity, ...] = ()
+    robot_type: str = ""
+    system_version: str = ""
 
     @property
     def identities(self) -> tuple[RobotIdentity, ...]:

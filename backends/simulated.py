@@ -1,22 +1,31 @@
-"""Parameters of a simulated robot, and the truth of what happens to it."""
+"""Parameters of a simulated robot, the truth of what happens to it, and commands that are replayed on it."""
 
 from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pepper_driver.config import PlantConfig
+from pepper_driver.backends.fields import Command, Measurement
+from pepper_driver.backends.motion_profile import minimum_jerk
+from pepper_driver.config import PlantConfig, RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.contact_specs import Axes, GrabSpec
+
+if TYPE_CHECKING:
+    from pepper_driver.backends.interface import Backend
 
 HAND_TIMEOUT = 0.5
 """[s] of the robot's time after which a hand lets go that no one moves, where nothing else is asked for. A simulation
 that is paced has the wall's time; in one that is not, the hand waits while the program does something else."""
+
+APPROACH, REST = 2.0, 1.0
+"""[s] to reach the posture in which commands begin, and to come to rest there."""
 
 ContactKind = Literal["push", "hand", "object"]
 
@@ -247,3 +256,36 @@ class Resumable:
         for name in self.STATE:
             # A copy here too: one saved state may be restored several times.
             setattr(self, name, copy.deepcopy(saved[name]))
+
+
+def drive_along(
+    backend: Backend,
+    position: FloatArray,
+    stiffness: FloatArray,
+    wheel_speed: FloatArray,
+    robot: RobotConfig,
+) -> Iterator[Measurement]:
+    """Open a simulated robot, have it come slowly to where commands begin, and yield what it measures after each.
+
+    Args:
+        backend: Of the simulated robot, not yet opened.
+        position: (n, N) commands [rad].
+        stiffness: (n, N) 0..1.
+        wheel_speed: (n, 3) [rad/s].
+        robot: Its description.
+    """
+    backend.open()
+    start = np.clip(backend.activate().position, robot.lower, robot.upper)
+    path = minimum_jerk(np.linspace(0.0, 1.0, round(APPROACH / robot.cycle)))
+    for fraction in (*path, *[1.0] * round(REST / robot.cycle)):
+        backend.exchange(
+            Command(
+                position=start + fraction * (position[0] - start),
+                stiffness=stiffness[0],
+                wheel_speed=np.zeros(3),
+            )
+        )
+    for row in range(len(position)):
+        yield backend.exchange(
+            Command(position=position[row], stiffness=stiffness[row], wheel_speed=wheel_speed[row])
+        )

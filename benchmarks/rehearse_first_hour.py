@@ -4,6 +4,7 @@ Follows the steps of docs/first_robot.md: answers the questions of `pepper first
 where it asks for touches and presses its head meanwhile, and ends the command early in every way the page names: an
 operator who leaves, the button on the chest, the space bar, the cable, a robot that is sent to rest, a hot motor, an
 empty battery, a killed program, Ctrl-C. After each it calls the same command again, and sees that nothing was lost.
+Then it sees that another plan is refused.
 Steps are short; --full takes the shipped plan, and an hour. The machine must have two free processors: ticks and cycles
 of the robot are by the wall clock. Figures are of the simulated robot.
 Run: python benchmarks/rehearse_first_hour.py --plant recorded --network wifi --json rehearsal.json
@@ -93,6 +94,14 @@ def short_plan(folder: Path) -> Path:
     plan = folder / "first_hour.yaml"
     plan.write_text(yaml.safe_dump(settings))
     return plan
+
+
+def other_plan(plan: Path, folder: Path) -> Path:
+    """Write a plan in which the robot stands for another time; returns its file."""
+    settings = read_yaml(plan)
+    path = folder / "other_plan.yaml"
+    path.write_text(yaml.safe_dump(settings | {"rest": settings["rest"] + 1.0}))
+    return path
 
 
 # -- the command, in a terminal -----------------------------------------------------------------------------------
@@ -237,7 +246,7 @@ TROUBLES = (
         cause=rest,
         code=1,
         told="stiffness|commands",
-        delay=8.0,
+        delay=12.0,
     ),
     Trouble(
         name="hot motor",
@@ -246,7 +255,7 @@ TROUBLES = (
         cause=fault("hot:LShoulderPitch,80"),
         code=1,
         told="LShoulderPitch",
-        delay=8.0,
+        delay=12.0,
         refused="cool",
     ),
     Trouble(
@@ -265,7 +274,7 @@ TROUBLES = (
         cause=lambda stand_in, command: command.process.kill(),
         code=-signal.SIGKILL,
         told="",
-        delay=8.0,
+        delay=12.0,
     ),
     Trouble(
         name="Ctrl-C",
@@ -419,6 +428,17 @@ class Rehearsal:
         lost.discard(STATE)  # which is written again
         self.expect(not lost, f"{trouble.name}: lost {', '.join(sorted(lost))}")
 
+    def refuse(self, plan: Path) -> None:
+        """See that the command refuses to go on by another plan, and leaves all as it is."""
+        before, given = contents(self.folder), self.arguments
+        self.arguments = [*given, "--plan", str(plan)]
+        code, lines, _ = self._call_once(None)
+        self.arguments = given
+        last = last_words(lines)
+        self.ends.append({"trouble": "another plan", "step": "", "code": code, "line": last})
+        self.expect(code == 2 and "by the plan" in last, f"another plan: not refused: {last}")
+        self.expect(contents(self.folder) == before, "another plan: it changed the folder")
+
     def expect(self, good: bool, problem: str) -> None:
         """Note a problem."""
         if not good:
@@ -485,6 +505,8 @@ def main() -> None:
             for trouble in () if given.smooth else TROUBLES:
                 console.print(f"-- {trouble.name}, in step {trouble.step}")
                 rehearsal.suffer(trouble)
+            if not given.smooth:
+                rehearsal.refuse(other_plan(plan, temporary))
             console.print("-- to the end")
             code, _ = rehearsal.call(None)
             rehearsal.expect(code == 0, f"the last call ended with {code}")

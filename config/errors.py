@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from types import BuiltinFunctionType, FunctionType, MethodType
 from typing import Any
@@ -135,6 +135,27 @@ def shown(value: object) -> str:
     if hasattr(value, "shape") and hasattr(value, "dtype"):
         return f"an array {value.shape} of {value.dtype}"
     return with_article(type(value).__name__)
+
+
+def first_difference(there: object, asked: object, compared: Mapping[str, str]) -> str | None:
+    """Return in words what differs first, such as ``with the seed 1, not 2``; None where nothing does.
+
+    Args:
+        there: That something was begun with.
+        asked: That it is to go on with.
+        compared: By name of an attribute of both, the words before its value.
+    """
+    for key, words in compared.items():
+        old, new = getattr(there, key), getattr(asked, key)
+        if old != new:
+            return f"{words} {_as_words(old)}, not {_as_words(new)}"
+    return None
+
+
+def _as_words(value: object) -> str:
+    if isinstance(value, tuple):
+        return ", ".join(map(str, value)) or "none"
+    return "none" if value is None else str(value)
 
 
 def with_article(noun: str) -> str:

@@ -235,11 +235,6 @@ class Experiment:
         steps = changed_steps(self.steps, lambda _, step: new if step is chosen else step, "steps")
         return replace(self, steps=steps)
 
-    @property
-    def longest_time(self) -> float:
-        """Longest time of all steps, with their repetitions [s]."""
-        return self._measure(self.steps)[0]
-
     def _measure(self, steps: tuple[AnyStep, ...]) -> tuple[float, int]:
         """Longest time of steps [s], and their number, with all repetitions."""
         time, count = 0.0, 0

@@ -75,6 +75,27 @@ def write_bytes(path: Path, content: bytes) -> None:
         partial.write_bytes(content)
 
 
+def set_aside(path: Path) -> Path | None:
+    """Give a file another name, where there is one: an earlier attempt is not lost.
+
+    Returns:
+        Its new place; None where there was no file.
+
+    Raises:
+        OutputError: It cannot be renamed.
+    """
+    if not path.exists():
+        return None
+    number = 1
+    while (other := path.with_name(f"{path.name}.early-{number}")).exists():
+        number += 1
+    try:
+        path.rename(other)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be renamed ({reason(error)})") from error
+    return other
+
+
 def file_hash(path: Path) -> str:
     """Return 16 hexadecimal digits of the SHA-256 of a file's bytes.
 

@@ -11,7 +11,11 @@ from pepper_driver.config.loading import STRICT
 from pepper_driver.config.parts import NonNegative, Positive, Vector3
 
 Origin = Literal["documented", "computed", "calibrated", "assumed"]
-Ticks = Annotated[int, Field(ge=0, le=20)]
+
+MAX_TICKS = 20
+"""Longest delay, and most late samples in a row."""
+
+Ticks = Annotated[int, Field(ge=0, le=MAX_TICKS)]
 Probability = Annotated[float, Field(ge=0, lt=1)]
 
 

@@ -57,6 +57,9 @@ class TouchPrompts:
         """Length of the whole [s]."""
         return 2.0 * self.rest + self.time * len(self.touches)
 
+    def __str__(self) -> str:
+        return f"{len(self.touches)} touches in {self.seconds:g} s"
+
 
 @with_lines
 def load_touch_prompts(robot: RobotConfig, name: Path | str = "standard") -> TouchPrompts:

@@ -54,6 +54,11 @@ def test_the_layer_rule_sees_an_upward_import(tmp_path: Path) -> None:
     assert imported_layers(file) == {"observer", "pepper_driver"}
 
 
+def test_what_judges_does_not_need_what_fits_plants() -> None:
+    for path in (ROOT / "pepper_driver" / "evaluation").rglob("*.py"):
+        assert "pepper_driver.calibration" not in path.read_text(), path.relative_to(ROOT)
+
+
 @pytest.mark.parametrize("layer", LAYERS)
 def test_nothing_private_is_imported_from_another_file(layer: str) -> None:
     for path in sources(layer):

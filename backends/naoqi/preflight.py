@@ -204,10 +204,12 @@ class Preflight:
     """Findings of ``open``.
 
     Attributes:
+        kind: Type of the robot, such as ``"Juliette"``.
         version: Of NAOqi, such as ``"2.5.10.7"``; ``"?"`` where it does not say.
         body_id: Serial number of the robot; ``"?"`` where it does not say.
     """
 
+    kind: str
     version: str
     body_id: str
 
@@ -248,7 +250,7 @@ def preflight(
             f"'{uri}': this robot (NAOqi {version}) has no value for {', '.join(missing[:3])}{more}; with "
             "NAOqi 2.5 a board is disconnected: restart the robot, or have it repaired"
         )
-    return Preflight(version=version, body_id=_text(connection, BODY_KEY) or "?")
+    return Preflight(kind=kind, version=version, body_id=_text(connection, BODY_KEY) or "?")
 
 
 def is_number(value: object) -> bool:

@@ -302,6 +302,8 @@ class NaoqiRobot(Serial, RemotePushMixin):
             identity=identity,
             name=self.uri,
             parents=tuple(replace(parent, identity=parent.identity + mode) for parent in parents),
+            robot_type=found.kind,
+            system_version=found.version,
         )
 
     def _met(self) -> Connection:

@@ -14,7 +14,6 @@ from pepper_driver.observer.fitting.samples import (
     in_working_range,
 )
 from pepper_driver.observer.fitting.stick_slip import START_UP_TIME
-from pepper_driver.observer.fitting.tree import FittingError
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.model_file import JointModel, predict_recording
 from pepper_driver.observer.recording import Recording
@@ -86,8 +85,8 @@ def fit_spreads(
         calibration: Recordings of free whole-body motion.
         window: Samples of the median.
 
-    Raises:
-        FittingError: A joint has no sample that counts.
+    Returns:
+        The models with their spreads, without joints hardly any of whose samples count: in the others they fall behind.
     """
     names, cycle = calibration[0].joint_names, calibration[0].cycle
     ordered = [models.get(name) for name in names]
@@ -102,12 +101,15 @@ def fit_spreads(
         phases.append(moving)
     momentum_maxima = _momentum_maxima(ordered, calibration, cycle)
     residual, moves = np.concatenate(residuals), np.concatenate(phases)
-    result = dict(models)
+    result = {}
     for index, name in enumerate(names):
-        if name in models:
+        if name not in models:
+            continue
+        spread = _spread(residual[:, index], moves[:, index])
+        if spread is not None:
             result[name] = replace(
                 models[name],
-                spread=_spread(name, residual[:, index], moves[:, index]),
+                spread=spread,
                 # A joint without samples has a largest residual of 0 and keeps its bound.
                 momentum_bound=float(MOMENTUM_FACTOR * momentum_maxima[index])
                 or models[name].momentum_bound,
@@ -133,7 +135,8 @@ def _play(
     return np.array(residuals), np.array(moving)
 
 
-def _spread(joint: str, residual: FloatArray, moves: BoolArray) -> tuple[float, float]:
+def _spread(residual: FloatArray, moves: BoolArray) -> tuple[float, float] | None:
+    """Return the spread at rest and in motion [rad]; None where hardly any sample counts."""
     seen = np.isfinite(residual)
     found = []
     for phase in (seen & ~moves, seen & moves):
@@ -141,9 +144,7 @@ def _spread(joint: str, residual: FloatArray, moves: BoolArray) -> tuple[float, 
         if len(sizes) >= MIN_SAMPLES:
             found.append(float(np.quantile(sizes, SPREAD_QUANTILE)))
     if not found:
-        raise FittingError(
-            f"{joint}: hardly any of its samples in the free motion for thresholds count: in the others it falls behind"
-        )
+        return None
     # A joint that never moves, or never rests, has one spread only.
     return max(found[0], MIN_SPREAD), max(found[-1], MIN_SPREAD)
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from pepper_driver.observer.fitting.bounds import fit_spreads
 from pepper_driver.observer.fitting.mobile_base import fit_base
 from pepper_driver.observer.fitting.samples import fit_samples
 from pepper_driver.observer.fitting.stick_slip import START_UP_TIME, fit_stick_slip
-from pepper_driver.observer.fitting.tree import AffineGrowth
+from pepper_driver.observer.fitting.tree import AffineGrowth, FittingError
 from pepper_driver.observer.models.fusion_model import BaseModel, FusionModel, MomentumParameters
 from pepper_driver.observer.models.stick_slip import (
     NO_LIMIT,
@@ -83,6 +83,20 @@ UNKNOWN_SPREAD = np.radians(1.0)
 """[rad] Of a model until its spread is known."""
 
 
+class FittedFusion(NamedTuple):
+    """By joint: the models, and why a joint has none; and the base's model, if it moves in the calibration."""
+
+    models: dict[str, FusionModel]
+    left_out: dict[str, str]
+    base: BaseModel | None
+
+
+NO_THRESHOLD = "hardly any of its samples in the free motion for thresholds count: in the others it falls behind"
+"""Why a joint with a model is left out."""
+
+T = TypeVar("T")
+
+
 def fit_fusion(
     robot: RobotConfig,
     sweeps: Mapping[str, Sequence[Recording]],
@@ -93,8 +107,10 @@ def fit_fusion(
     window: int,
     target_speeds: Mapping[str, float],
     workers: Workers = -1,
-) -> tuple[dict[str, FusionModel], BaseModel | None]:
+) -> FittedFusion:
     """Fit the models of all joints, and of the base if it moves in the calibration.
+
+    A joint whose recordings determine no model or no threshold is left out.
 
     Args:
         robot: Its description.
@@ -105,12 +121,16 @@ def fit_fusion(
         window: Samples of the median.
         target_speeds: By joint whose board limits it, the speed of its target [rad/s].
         workers: Processes, -1 for one per core; or a cluster. The result does not depend on it.
+
+    Raises:
+        FittingError: No joint is left.
     """
     from pepper_driver.config.workers import run_jobs  # slow to import, and needed here alone
 
     own = [joint for joint in sweeps if joint not in mirrors]
     jobs = (
         partial(
+            _or_error,
             fit_joint_stick_slip,
             joint,
             sweeps[joint],
@@ -119,20 +139,38 @@ def fit_fusion(
         )
         for joint in own
     )
-    stick_slips = dict(zip(own, run_jobs(jobs, workers=workers), strict=True))
+    made = dict(zip(own, run_jobs(jobs, workers=workers), strict=True))
+    stick_slips = {name: one for name, one in made.items() if not isinstance(one, FittingError)}
+    left_out = {name: str(one) for name, one in made.items() if isinstance(one, FittingError)}
     for joint, source in mirrors.items():
+        if source in left_out:
+            left_out[joint] = left_out[source]
+            continue
         _, sign = robot.mirror[robot.joint_index(joint)]
         stick_slips[joint] = replace(stick_slips[source], offset=sign * stick_slips[source].offset)
     # After the stick-slip models: those of mirrored joints come from their source.
     fits = (
-        partial(fit_joint_fusion, joint, recordings, robot, stick_slip=stick_slips[joint])
-        for joint, recordings in sweeps.items()
+        partial(fit_joint_fusion, joint, sweeps[joint], robot, stick_slip=stick_slip)
+        for joint, stick_slip in stick_slips.items()
     )
-    models = dict(zip(sweeps, run_jobs(fits, workers=workers), strict=True))
-    models |= {joint: models[source] for joint, source in shared.items()}
+    models = dict(zip(stick_slips, run_jobs(fits, workers=workers), strict=True))
+    models |= {joint: models[source] for joint, source in shared.items() if source in models}
+    left_out |= {joint: left_out[source] for joint, source in shared.items() if source in left_out}
     drives = [recording for recording in calibration if np.any(recording.sent_wheel_speed)]
     base = fit_base(robot, drives, window=window) if drives else None
-    return fit_spreads(models, calibration, window=window), base
+    bounded = fit_spreads(models, calibration, window=window)
+    left_out |= {joint: f"{joint}: {NO_THRESHOLD}" for joint in models if joint not in bounded}
+    if not bounded:
+        raise FittingError(next(iter(left_out.values())))
+    return FittedFusion(models=bounded, left_out=left_out, base=base)
+
+
+def _or_error(fit: Callable[..., T], *args: object, **options: object) -> T | FittingError:
+    """Return what a fit returns, or the error that it raises: one joint must not cost the others."""
+    try:
+        return fit(*args, **options)
+    except FittingError as error:
+        return error
 
 
 def _joined(parts: Sequence[_SimulatedRun]) -> _SimulatedRun:
@@ -163,6 +201,7 @@ def fit_joint_fusion(
     robot: RobotConfig,
     *,
     stick_slip: StickSlipParameters | None = None,
+    target_speed: float = NO_LIMIT,
 ) -> FusionModel:
     """Fit a model without its threshold, which requires all joints at once; see :func:`fit_spreads`.
 
@@ -171,10 +210,11 @@ def fit_joint_fusion(
         recordings: The estimation runs.
         robot: Its description.
         stick_slip: Its stick-slip model, if it is known already.
+        target_speed: Largest speed of its board's target [rad/s]; one that is known already has it.
     """
     cycle = robot.cycle
     if stick_slip is None:
-        stick_slip = fit_joint_stick_slip(joint, recordings, robot)
+        stick_slip = fit_joint_stick_slip(joint, recordings, robot, target_speed)
     data = _joined([_simulate(joint, recording, stick_slip, cycle) for recording in recordings])
     growth = AffineGrowth(data.features, data.model_error, max_leaves=REMAINDER_LEAVES)
     remainder = growth.cut(REMAINDER_LEAVES, REMAINDER_SHRINKAGE)

@@ -18,7 +18,7 @@ class MeasuredJoint:
     """Facts about one joint; None where the runs do not show them. Torques are by the documented torque constant.
 
     Attributes:
-        encoder_noise: Standard deviation at rest [rad].
+        encoder_noise: Standard deviation at rest [rad]; None for a joint that never rests.
         current_noise: The same of the current [A].
         dead_band: Error that it needs before it moves, to either side [rad]: of its board, and of its friction.
         friction: Torque of the motor against friction in slow motion [N m].
@@ -30,8 +30,8 @@ class MeasuredJoint:
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
-    encoder_noise: NonNegative
-    current_noise: NonNegative
+    encoder_noise: NonNegative | None = None
+    current_noise: NonNegative | None = None
     dead_band: NonNegative | None = None
     friction: NonNegative | None = None
     load_scale: Positive | None = None
@@ -51,6 +51,7 @@ class MeasuredRobot:
         late: Fraction of samples that came late.
         lost: Fraction of samples of a joint in motion that repeat the one before.
         weight: That was held [kg]; None for none.
+        weight_doubt: Reason for which a weight does not count: no joint has a scale of torques by it. None for none.
         joints: By name.
     """
 
@@ -63,6 +64,7 @@ class MeasuredRobot:
     lost: UnitInterval
     weight: Positive | None
     joints: Mapping[str, MeasuredJoint]
+    weight_doubt: str | None = None
 
     @property
     def speeds(self) -> dict[str, float]:

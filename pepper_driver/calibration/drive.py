@@ -64,7 +64,7 @@ def drag(robot: RobotConfig, plant: PlantConfig, joint: str) -> float:
 
 
 def values_of(robot: RobotConfig, plant: PlantConfig, joint: str) -> DriveValues:
-    """Return the values that a joint has in a plant."""
+    """Return the values that a joint has in a plant; no lead, so that a drive which takes them keeps its own."""
     drive = plant.actuator(joint)
     volts = robot.motors.of(joint).resistance / torque_constant(robot, plant, joint)
     contact = drive.friction.contact
@@ -76,8 +76,8 @@ def values_of(robot: RobotConfig, plant: PlantConfig, joint: str) -> DriveValues
     )
 
 
-def drive_values(robot: RobotConfig, plant: PlantConfig, joint: str) -> DriveValues:
-    """Return the values that a joint has in a plant, its lead among them."""
+def values_with_lead(robot: RobotConfig, plant: PlantConfig, joint: str) -> DriveValues:
+    """Return the values that a joint has in a plant together with its lead kd / kp."""
     drive = plant.actuator(joint)
     return replace(values_of(robot, plant, joint), lead=drive.kd / drive.kp)
 

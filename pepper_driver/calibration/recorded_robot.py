@@ -20,12 +20,13 @@ import numpy as np
 from pepper_driver.calibration.drive import (
     DriveValues,
     changed_drive,
-    drive_values,
+    values_with_lead,
     with_origin,
 )
 from pepper_driver.calibration.replayed import RecordedRun, ReplayedRun, load_runs, replay
 from pepper_driver.config import PepperError, PlantConfig, RobotConfig
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.plant_parts import MAX_TICKS, BodyParameters
 from pepper_driver.config.workers import Workers, run_jobs
 from pepper_driver.identification.dataset import load_measurement, read_manifest
 from pepper_driver.identification.measurements.program import MEASUREMENTS, measure_robot
@@ -49,8 +50,8 @@ MIN_ROWS = 200
 MIN_EFFICIENCY = 0.2
 """Smallest fraction of a motor's torque that reaches the joint."""
 
-MAX_TICKS = 20
-"""Longest delay in a plant file, and most late samples in a row."""
+ARMS = ("left_arm", "right_arm")
+"""Chains whose masses a weight in a hand shows."""
 
 Progress = Callable[[float], None]
 """Called with the fraction done, 0..1."""
@@ -225,8 +226,9 @@ def with_facts(
 ) -> PlantConfig:
     """Return a plant with what was measured of a robot: transport, noise, speed limit, efficiency, masses of arms.
 
-    Where a known weight was held, the fraction of torque that arrives and the masses of the arms are known apart.
-    Without one, all that gravity asks for beyond the description counts as torque that does not arrive.
+    Where a known weight was held, the fraction of torque that arrives and the masses of the arms are known apart. Both
+    arms then weigh as much more or less as the one that held it, since they are built alike. Without a weight, all that
+    gravity asks for beyond the description counts as torque that does not arrive.
 
     Args:
         start: Everything that was not measured.
@@ -235,13 +237,18 @@ def with_facts(
         robot: Its description.
 
     Raises:
-        RobotCalibrationError: No plant answers as late.
+        RobotCalibrationError: No plant answers as late, or brings no sample in time.
     """
     delay = facts.response_delay
     sensor = min(delay, max(1, start.transport.sensor_delay))
     if delay - sensor > MAX_TICKS:
         raise RobotCalibrationError(
             f"this robot answers {delay} ticks after a command; a plant does after {MAX_TICKS + sensor} at most"
+        )
+    if max(facts.late, facts.lost) >= 1.0:
+        raise RobotCalibrationError(
+            f"{facts.late:.0%} of the samples of this robot came late, {facts.lost:.0%} were lost: some must arrive in "
+            "time. Measure again, by cable"
         )
     latest = max(float(run.recording.age.max()) for run in runs)
     limits = list(facts.target_speeds.values())
@@ -253,10 +260,14 @@ def with_facts(
         longest_late=min(round(latest / robot.cycle), MAX_TICKS),
         lost=facts.lost,
         encoder_noise=_without_steps(
-            [joint.encoder_noise for joint in facts.joints.values()], robot.sensors.encoder.step
+            [joint.encoder_noise for joint in facts.joints.values()],
+            robot.sensors.encoder.step,
+            start.transport.encoder_noise,
         ),
         current_noise=_without_steps(
-            [joint.current_noise for joint in facts.joints.values()], robot.sensors.current.step
+            [joint.current_noise for joint in facts.joints.values()],
+            robot.sensors.current.step,
+            start.transport.current_noise,
         ),
     )
     targets = start.targets
@@ -264,11 +275,13 @@ def with_facts(
         targets = replace(targets, speed_limit=_rounded(float(np.median(limits))))
     elif targets.speed_limit and max(facts.speeds.values(), default=0.0) > targets.speed_limit:
         targets = replace(targets, speed_limit=None)
+    arms = [name for chain in ARMS for name in robot.chains[chain]]
+    factor = _mass_factor(facts, arms)
     drives = []
     for drive in start.actuators:
         for name in drive.joints:
             one = replace(drive, joints=(name,))
-            efficiency = _efficiency(facts.joints.get(name))
+            efficiency = _efficiency(facts.joints.get(name), factor if name in arms else None)
             if efficiency is not None:
                 origin = with_origin(drive, "calibrated", ("efficiency",))
                 one = replace(one, efficiency=efficiency, origin=origin)
@@ -278,35 +291,49 @@ def with_facts(
         transport=transport,
         targets=targets,
         actuators=tuple(drives),
-        body=replace(start.body, masses={**start.body.masses, **_masses(start, facts, robot)}),
+        body=start.body if factor is None else _heavier(start.body, arms, factor, robot),
     )
 
 
-def _without_steps(noise: Sequence[float], step: float) -> float:
-    """Return the noise of a sensor without that of its steps, median of the joints."""
-    spread = float(np.median(noise)) ** 2 - step**2 / 12.0
+def _without_steps(noise: Sequence[float | None], step: float, unknown: float) -> float:
+    """Return the noise of a sensor without that of its steps, median of the joints; ``unknown`` where none shows it."""
+    known = [value for value in noise if value is not None]
+    if not known:
+        return unknown
+    spread = float(np.median(known)) ** 2 - step**2 / 12.0
     return _rounded(float(np.sqrt(max(spread, 0.0))))
 
 
-def _efficiency(joint: MeasuredJoint | None) -> float | None:
-    """Return the fraction of a motor's torque that arrives; None where it was not measured."""
-    scale = None if joint is None else joint.torque_scale or joint.load_scale
+def _efficiency(joint: MeasuredJoint | None, mass_factor: float | None) -> float | None:
+    """Return the fraction of a motor's torque that arrives; None where it was not measured.
+
+    Args:
+        joint: What was measured of it.
+        mass_factor: On the masses that it carries; None where it is not known.
+    """
+    if joint is None:
+        return None
+    scale = joint.torque_scale
+    if scale is None and joint.load_scale is not None:
+        # Part of the load's current carries these masses.
+        scale = joint.load_scale / (mass_factor or 1.0)
     return None if scale is None else _rounded(float(np.clip(1.0 / scale, MIN_EFFICIENCY, 1.0)))
 
 
-def _masses(start: PlantConfig, facts: MeasuredRobot, robot: RobotConfig) -> dict[str, float]:
-    """Return factors on the masses of the links of arms whose joints show load and torque apart."""
-    found: dict[str, float] = {}
-    for chain in ("left_arm", "right_arm"):
-        names = robot.chains[chain]
-        joints = [facts.joints[name] for name in names if name in facts.joints]
-        ratios = [j.load_scale / j.torque_scale for j in joints if j.load_scale and j.torque_scale]
-        if ratios:
-            for name in names:
-                link = robot.joints[robot.joint_index(name)].child
-                factor = float(np.median(ratios)) * start.body.masses.get(link, 1.0)
-                found[link] = _rounded(factor)
-    return found
+def _mass_factor(facts: MeasuredRobot, arms: Sequence[str]) -> float | None:
+    """Return the factor on the masses of arms, by joints that show load and torque apart; None where none does."""
+    joints = [facts.joints[name] for name in arms if name in facts.joints]
+    ratios = [j.load_scale / j.torque_scale for j in joints if j.load_scale and j.torque_scale]
+    return float(np.median(ratios)) if ratios else None
+
+
+def _heavier(
+    body: BodyParameters, joints: Sequence[str], factor: float, robot: RobotConfig
+) -> BodyParameters:
+    """Return a body whose links behind these joints weigh ``factor`` times as much."""
+    links = [robot.joints[robot.joint_index(name)].child for name in joints]
+    heavier = {link: _rounded(factor * body.masses.get(link, 1.0)) for link in links}
+    return replace(body, masses={**body.masses, **heavier})
 
 
 def _fitted(plant: PlantConfig) -> tuple[Value, ...]:
@@ -354,7 +381,7 @@ def _begin(
     robot: RobotConfig, plant: PlantConfig, joint: str, fact: MeasuredJoint | None
 ) -> DriveValues:
     """Return the values that a search begins with: friction as measured, all else as in the plant."""
-    values = drive_values(robot, plant, joint)
+    values = values_with_lead(robot, plant, joint)
     if fact is None or not fact.friction:
         return values
     return replace(values, friction=fact.friction * plant.actuator(joint).efficiency)
@@ -463,8 +490,8 @@ def _compare(
     _, tracking_after = tracking(after[1])
     median, p90 = np.degrees(np.percentile(np.abs(real), [50, 90]))
     return JointCalibration(
-        before=drive_values(robot, before[0], joint),
-        after=drive_values(robot, after[0], joint),
+        before=values_with_lead(robot, before[0], joint),
+        after=values_with_lead(robot, after[0], joint),
         efficiency=after[0].actuator(joint).efficiency,
         held_out=held_out,
         median_deg=float(median),

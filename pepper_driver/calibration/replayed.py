@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from pepper_driver.backends import Backend
-from pepper_driver.backends.fields import Command, Measurement
-from pepper_driver.backends.motion_profile import minimum_jerk
 from pepper_driver.backends.mujoco_.backend import MujocoBackend
 from pepper_driver.backends.selection import takes_delay
+from pepper_driver.backends.simulated import drive_along
 from pepper_driver.config import ConfigError, PlantConfig, RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.identification import RecordingFolderError
@@ -21,9 +18,6 @@ from pepper_driver.identification.dataset import Manifest, RunEntry, finished, r
 from pepper_driver.identification.measurements.program import measured_joints
 from pepper_driver.observer import Recording
 from pepper_driver.observer.fitting.samples import fit_samples
-
-APPROACH, REST = 2.0, 1.0
-"""[s] to reach the first posture of a recording, and to come to rest there."""
 
 MIN_MOTION = 0.02
 """[rad] of a command over a run, without which a joint says nothing of itself."""
@@ -163,36 +157,3 @@ def replay(robot: RobotConfig, plant: PlantConfig, run: RecordedRun) -> Replayed
         position=np.array([m.position for m in answers]),
         current=np.array([m.current for m in answers]),
     )
-
-
-def drive_along(
-    backend: Backend,
-    position: FloatArray,
-    stiffness: FloatArray,
-    wheel_speed: FloatArray,
-    robot: RobotConfig,
-) -> Iterator[Measurement]:
-    """Open a simulated robot, have it come slowly to where commands begin, and yield what it measures after each.
-
-    Args:
-        backend: Of the simulated robot, not yet opened.
-        position: (n, N) commands [rad].
-        stiffness: (n, N) 0..1.
-        wheel_speed: (n, 3) [rad/s].
-        robot: Its description.
-    """
-    backend.open()
-    start = np.clip(backend.activate().position, robot.lower, robot.upper)
-    path = minimum_jerk(np.linspace(0.0, 1.0, round(APPROACH / robot.cycle)))
-    for fraction in (*path, *[1.0] * round(REST / robot.cycle)):
-        backend.exchange(
-            Command(
-                position=start + fraction * (position[0] - start),
-                stiffness=stiffness[0],
-                wheel_speed=np.zeros(3),
-            )
-        )
-    for row in range(len(position)):
-        yield backend.exchange(
-            Command(position=position[row], stiffness=stiffness[row], wheel_speed=wheel_speed[row])
-        )

@@ -97,7 +97,8 @@ def _print(console: Console, found: RobotCalibration, start: PlantConfig) -> Non
     )
     if facts.weight is None:
         console.print(
-            "no known weight was held: heavier arms and weaker motors look alike, and both count as weaker motors"
+            f"{facts.weight_doubt or 'no known weight was held'}: heavier arms and weaker motors look alike, and both "
+            "count as weaker motors"
         )
     if found.kept:
         console.print(

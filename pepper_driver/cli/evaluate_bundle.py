@@ -61,6 +61,7 @@ class EvaluatedBundles:
                     "touches": len(one.record.takes[-1].touches),
                     "asked": one.asked,
                     "pressed": one.pressed,
+                    "attempts": {log: len(earlier) + 1 for log, earlier in one.earlier.items()},
                 }
                 for one in self.bundles
             ],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -16,6 +17,7 @@ from pepper_driver.backends.readiness import CheckResult
 from pepper_driver.backends.selection import parse_uri
 from pepper_driver.cli.console import (
     JsonOption,
+    LineProgress,
     WorkersOption,
     check_outputs,
     duration_text,
@@ -26,14 +28,19 @@ from pepper_driver.cli.console import (
     show_line,
 )
 from pepper_driver.cli.doctor import print_checks
-from pepper_driver.cli.identify import print_fits, print_measured, recording_progress
+from pepper_driver.cli.identify import (
+    print_fits,
+    print_measured,
+    recording_progress,
+    refuse_unattended,
+)
 from pepper_driver.config import ConfigError, PepperError, load_robot
 from pepper_driver.config.first_hour import load_first_hour
 from pepper_driver.first_hour.bundle import ARCHIVE
 from pepper_driver.first_hour.hour import run_hour
 from pepper_driver.first_hour.operator import Consent, Operator, TerminalOperator
 from pepper_driver.first_hour.plan import BY_KEY, HourPlan, PlannedStep, plan_hour
-from pepper_driver.first_hour.state import STATE, FirstHour, new_hour
+from pepper_driver.first_hour.state import STATE, FirstHour, StepName, new_hour
 from pepper_driver.first_hour.steps import RobotSteps, check_readiness, read_robot
 from pepper_driver.identification import Identification
 from pepper_driver.identification import Progress as RecordingProgress
@@ -82,10 +89,22 @@ def first_hour(
             metavar="FILE", help="Plan of your own; by default the shipped first_hour.yaml."
         ),
     ] = None,
+    again: Annotated[
+        StepName | None,
+        typer.Option(
+            help="Step to make again although it is done, as where a person touched the robot. Its log is kept under "
+            "another name, and the page of results counts the attempts.",
+        ),
+    ] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print the plan; no robot is looked for.")
     ] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before the robot moves.")] = False,
+    yes: Annotated[
+        bool,
+        typer.Option(
+            "--yes", help="Do not ask before the robot moves; on a real one not with --weight."
+        ),
+    ] = False,
     workers: WorkersOption = None,
     json_file: JsonOption = None,
 ) -> int:
@@ -107,6 +126,8 @@ def first_hour(
             "with '?wake=1' the robot would lie down after each of many runs: wake it up once, by pressing the button "
             "on its chest twice, and leave that out"
         )
+    if yes:
+        refuse_unattended(backend, held)
     show = _shower(console)
     operator: Operator = Consent(show) if yes else TerminalOperator(show, settings.answer)
     if label == BY_KEY and (sys.stdin is None or not sys.stdin.isatty()):
@@ -138,13 +159,16 @@ def first_hour(
         display=ConsoleDisplay(console),
         workers=workers or -1,
     )
-
-    def check(step: PlannedStep) -> None:
-        _print_step(console, step)
-        check_readiness(backend, robot, info.identity)
-
     hour = run_hour(
-        out, asked, hour_plan, steps.actions(), operator, check=check, show=console.print
+        out,
+        asked,
+        hour_plan,
+        steps.actions(),
+        operator,
+        introduce=partial(_print_step, console),
+        check=partial(check_readiness, backend, robot, info.identity),
+        show=console.print,
+        again=again,
     )
     if not archive.exists():  # all steps were done before, and --pack names another file now
         steps.pack()
@@ -225,15 +249,25 @@ class ConsoleDisplay:
             yield lambda fraction: progress.update(bar, completed=fraction)
 
     @contextmanager
-    def runs(
-        self, ask: Callable[[str], None]
-    ) -> Iterator[tuple[RecordingProgress, Callable[[str], None]]]:
+    def runs(self, operator: Operator) -> Iterator[tuple[RecordingProgress, Operator]]:
         """Show the progress of runs, and make room for questions."""
         with recording_progress(self._console) as (progress, bars):
+            yield progress, _WithoutBars(operator, bars)
 
-            def ask_without_bar(question: str) -> None:
-                bars.stop()
-                ask(question)
-                bars.start()
 
-            yield progress, ask_without_bar
+class _WithoutBars:
+    """Asks an operator while no bar is shown."""
+
+    def __init__(self, operator: Operator, bars: LineProgress) -> None:
+        self._operator, self._bars = operator, bars
+
+    def confirm(self, question: str) -> None:
+        self._bars.stop()
+        self._operator.confirm(question)
+        self._bars.start()
+
+    def offer(self, question: str) -> bool:
+        self._bars.stop()
+        answer = self._operator.offer(question)
+        self._bars.start()
+        return answer

@@ -13,6 +13,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from pepper_driver.backends import make_backend
 from pepper_driver.cli.console import (
     ClusterOption,
     JsonOption,
@@ -25,6 +26,7 @@ from pepper_driver.cli.console import (
     make_console,
     make_progress,
     save_json,
+    show_line,
 )
 from pepper_driver.config import (
     ConfigError,
@@ -52,6 +54,8 @@ from pepper_driver.identification import (
     read_manifest,
     record_joints,
 )
+from pepper_driver.identification.dataset import recording_path
+from pepper_driver.identification.measurements.friction import HeldWeight
 from pepper_driver.identification.measurements.program import Hand, held_weight
 from pepper_driver.identification.sensitivity import PLACES, POSTURE
 from pepper_driver.observer import ModelKind
@@ -111,8 +115,8 @@ def print_measured(console: Console, measured: MeasuredRobot | None) -> None:
     for joint, one in measured.joints.items():
         table.add_row(
             joint,
-            f"{math.degrees(one.encoder_noise):.3f}",
-            f"{one.current_noise:.3f}",
+            "-" if one.encoder_noise is None else f"{math.degrees(one.encoder_noise):.3f}",
+            "-" if one.current_noise is None else f"{one.current_noise:.3f}",
             "-" if one.dead_band is None else f"{math.degrees(one.dead_band):.2f}",
             "-" if one.friction is None else f"{one.friction:.3g}",
             "-" if one.load_scale is None else f"{one.load_scale:.2f}",
@@ -261,7 +265,7 @@ def identify(
         bool,
         typer.Option(
             "--yes",
-            help="Do not ask before a real robot moves its legs or its base, or its arms fast; a weight is asked for.",
+            help="Do not ask before a real robot moves its legs or its base, or its arms fast; not with --weight.",
         ),
     ] = False,
     seed: Annotated[
@@ -315,6 +319,8 @@ def identify(
     held = None if weight is None else held_weight(weight, hand)
     if held is not None and not measure:
         raise ConfigError("option '--weight': it is for the measurement; leave '--no-measure' out")
+    if yes:
+        refuse_unattended(backend or BACKEND, held)
     if draws is not None:
         _refuse_with("draws", "each robot has a folder of its own", recordings=recordings)
         _refuse_with("draws", "no robot is measured", weight=weight)
@@ -355,7 +361,12 @@ def identify(
                     weight=held,
                     seed=chosen.seed if seed is None else seed,
                     workers=pool,
-                    confirm=by_hand_only(confirm) if yes else confirm,
+                    confirm=None if yes else confirm,
+                    on_touch=lambda run, sensor: show_line(
+                        console,
+                        f"{sensor} is pressed in run {run.name}: if a person touches the robot, delete "
+                        f"{recording_path(folder, run.name)} afterwards, and call again",
+                    ),
                     progress=progress,
                 )
         read_manifest(folder)  # where it is missing, that is the one line
@@ -366,20 +377,22 @@ def identify(
     print_fits(console, result)
     save_json(json_file, result.as_json(), console)
     if not accept_blind:
-        _refuse_blind(result, out, folder)
+        again = f"pepper identify --fit-only --recordings {folder} --out {out} --accept-blind"
+        again += "" if mirror else " --no-mirror"
+        again += " --share-types" if share_types else ""
+        _refuse_blind(result, again)
     result.models.save(out)
     console.print(f"models: {out}; recordings: {folder}")
     return 0
 
 
-def _refuse_blind(result: Identification, out: Path, folder: Path) -> None:
-    """Refuse models with blind joints, and say how to have them all the same."""
+def _refuse_blind(result: Identification, again: str) -> None:
+    """Refuse models with blind joints, and say by which command to have them all the same."""
     try:
         result.refuse_blind()
     except BlindModelError as error:
         raise BlindModelError(
-            f"{error}. Nothing is written; to write them all the same: "
-            f"pepper identify --fit-only --recordings {folder} --out {out} --accept-blind"
+            f"{error}. Nothing is written; to write them all the same: {again}"
         ) from error
 
 
@@ -480,6 +493,19 @@ def _robots(console: Console, total: int, folder: Path) -> Iterator[RobotProgres
             raise
 
 
+def refuse_unattended(backend: str, weight: HeldWeight | None) -> None:
+    """Refuse to ask no person on a real robot that is measured with a weight.
+
+    Raises:
+        ConfigError: It is so.
+    """
+    if weight is not None and make_backend(backend).real_time:
+        raise ConfigError(
+            "option '--yes': a person hangs the weight into the hand and takes it out again, and must be asked; leave "
+            "'--yes' or '--weight' out"
+        )
+
+
 def _refuse_with(option: str, why: str, **options: object) -> None:
     given = [name for name, value in options.items() if value is not None]
     if given:
@@ -522,16 +548,6 @@ def _progress(console: Console) -> Iterator[tuple[Progress, Confirm]]:
             bars.start()
 
         yield report_progress, confirm
-
-
-def by_hand_only(confirm: Confirm) -> Confirm:
-    """Return a question for what a person must do: without a person no weight hangs in the hand."""
-
-    def confirm_by_hand(run: IdentificationRun) -> None:
-        if run.by_hand:
-            confirm(run)
-
-    return confirm_by_hand
 
 
 @contextmanager

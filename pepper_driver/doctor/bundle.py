@@ -7,16 +7,23 @@ import hashlib
 import json
 import platform
 import re
+import socket
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from io import BytesIO
+from ipaddress import ip_address
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+from urllib.parse import urlsplit
+
+import numpy as np
+import psutil
 
 from pepper_driver.backends import BackendInfo
 from pepper_driver.backends.selection import parse_uri
 from pepper_driver.config.files import write_bytes
+from pepper_driver.doctor.checks import Inspection
 from pepper_driver.doctor.examination import Examination
 from pepper_driver.doctor.motion_test import MotionTest
 from pepper_driver.log.summary import versions
@@ -28,18 +35,23 @@ FORMAT = 1
 MIN_NAME = 3
 """Letters of a name that is taken out: shorter ones are in many words."""
 
+DISCARD = 9
+"""Port of no service."""
+
 DATE = (1980, 1, 1, 0, 0, 0)
 """Of the files inside: equal content gives equal bytes."""
 
 CONTENT = """Report of 'pepper doctor', to be sent to those who can help.
 
-report.json       versions of the program, kind of computer, checks, verdict on each joint, measured facts
+report.json       versions of the program and of the robot, kind of computer, network, checks, joints, measured facts
 inspection.npz    sensors of the robot at rest, for some seconds
 small-*.npz       commands and sensors of its small motion (numpy.load)
 
 Host names, user names, network addresses, folders and the serial number of the robot were replaced by <...> or a hash.
 Look through report.json before you send it.
 """
+
+Way = Literal["same computer", "wired", "wireless", "unknown"]
 
 _INSPECTED = ("time", "age", "position", "current", "wheel_speed", "temperature", "battery")
 _ADDRESSES = (
@@ -99,10 +111,14 @@ class Scrubber:
             text = text.replace(self._home, "<home>")
         text = _FOLDER.sub("<folder>/", text)
         for pattern in _ADDRESSES:
-            text = pattern.sub("<address>", text)
+            text = pattern.sub(self._hidden, text)
         for pattern, what in self._names:
             text = pattern.sub(what, text)
         return text
+
+    def _hidden(self, address: re.Match[str]) -> str:
+        """Return what stands for an address; a version of NAOqi has four numbers as well."""
+        return address[0] if address[0] == self._info.system_version else "<address>"
 
     def tree(self, value: Any) -> Any:  # noqa: ANN401 any JSON
         """Return JSON values with all their texts scrubbed, also those that are keys."""
@@ -136,16 +152,19 @@ def write_bundle(path: Path, uri: str, examination: Examination, motion_test: Mo
         OutputError: The file cannot be written.
     """
     scrubber, info = Scrubber((uri,), examination.info), examination.info
+    robot = {
+        "id": robot_hash(info.identity),
+        "scheme": parse_uri(uri).scheme,
+        "type": info.robot_type or None,
+        "system_version": info.system_version or None,
+        "simulated": "seed" in info.capabilities,
+        "response_delay": info.response_delay,
+        "capabilities": sorted(info.capabilities),
+    }
     report = {
         "format": FORMAT,
         "versions": versions(),
-        "robot": {
-            "id": robot_hash(info.identity),
-            "scheme": parse_uri(uri).scheme,
-            "simulated": "seed" in info.capabilities,
-            "response_delay": info.response_delay,
-            "capabilities": sorted(info.capabilities),
-        },
+        "network": _network(uri, examination.inspection),
         "passed": examination.passed and motion_test.passed,
         "results": [result.as_json() for result in (*examination.results, *motion_test.results)],
         "joints": [fit.as_json() for fit in motion_test.fits],
@@ -153,7 +172,10 @@ def write_bundle(path: Path, uri: str, examination: Examination, motion_test: Mo
     }
     files = {
         "README.txt": CONTENT.encode(),
-        "report.json": json.dumps(scrubber.tree(report), indent=1, sort_keys=True).encode(),
+        # The robot is described by words of its own and of the program, not by names of people and hosts.
+        "report.json": json.dumps(
+            {**scrubber.tree(report), "robot": robot}, indent=1, sort_keys=True
+        ).encode(),
     }
     if examination.inspection is not None:
         files["inspection.npz"] = arrays_as_bytes(
@@ -162,6 +184,48 @@ def write_bundle(path: Path, uri: str, examination: Examination, motion_test: Mo
     for name, recording in motion_test.recordings.items():
         files[f"{name.replace(' ', '-')}.npz"] = recording.as_bytes()
     write_bytes(path, _archive(files.items()))
+
+
+def _network(uri: str, inspection: Inspection | None) -> dict[str, Any]:
+    """Return what matters of the network: the way to the robot, and how its samples came."""
+    host = urlsplit(f"//{parse_uri(uri).host}").hostname
+    found: dict[str, Any] = {"way": None if host is None else way_to(host)}
+    if inspection is not None:
+        age = inspection.values("age")
+        known = age[np.isfinite(age)]
+        found |= {
+            "age_median": float(np.median(known)) if len(known) else None,
+            "age_max": float(np.max(known)) if len(known) else None,
+            "without_sample": float(np.mean(np.diff(inspection.values("tick")) == 0)),
+            "missed_ticks": inspection.missed,
+        }
+    return found
+
+
+def way_to(host: str) -> Way:
+    """Return by which kind of network this computer reaches a host. Nothing is sent to it."""
+    try:
+        family, kind, _, _, address = socket.getaddrinfo(host, DISCARD, type=socket.SOCK_DGRAM)[0]
+        with socket.socket(family, kind) as probe:
+            probe.connect(address)  # chooses the way
+            own = probe.getsockname()[0]
+    except (OSError, UnicodeError):
+        return "unknown"
+    if ip_address(own).is_loopback:
+        return "same computer"
+    names = (
+        name
+        for name, addresses in psutil.net_if_addrs().items()
+        if any(one.address == own for one in addresses)
+    )
+    return kind_of_interface(Path("/sys/class/net", next(names, "unknown")))
+
+
+def kind_of_interface(device: Path) -> Way:
+    """Return the kind of a network interface from the folder in which Linux describes it; elsewhere there is none."""
+    if (device / "wireless").exists():
+        return "wireless"
+    return "wired" if (device / "device").exists() else "unknown"
 
 
 def _models(models: ModelSet | None) -> dict[str, Any] | None:

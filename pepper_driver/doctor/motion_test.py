@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import accumulate
 
 import numpy as np
 
@@ -38,6 +39,7 @@ from pepper_driver.observer import (
 from pepper_driver.observer.models.measured_robot import MeasuredRobot
 from pepper_driver.observers import measured_robot, uri_with_measured_delay
 from pepper_driver.robot import Pepper
+from pepper_driver.session import OnTick
 
 SEED = 1
 """Of the goals: each motion is the same, so that they can be compared over months."""
@@ -204,20 +206,23 @@ def try_motion(
         if observation is not None:
             contacts.extend(c for c in observation.contacts if c.phase == "begin")
 
+    def on_steps_tick(tick: Tick, _: Observation | None) -> None:
+        builders[SMALL_STEPS].append(tick)
+
     try:
         with pepper:
             middle, *goals = plan_goals(pepper.target, robot, settings)
             moves = partial(_moves, robot=robot, seconds=settings.segment_time - REST)
-            motion = Experiment(
-                schema=2, name=SMALL_MOTION, steps=moves([middle, *goals[:-1], middle])
+            there = moves([middle, *goals[:-1], middle])
+            _play(
+                pepper,
+                (
+                    (Experiment(schema=2, name=SMALL_MOTION, steps=there), on_tick),
+                    (_response_motion(middle, robot), on_steps_tick),
+                    (Experiment(schema=2, name="back", steps=moves([goals[-1]])), on_tick),
+                ),
+                on_progress,
             )
-            pepper.play(motion, on_tick=on_tick, on_progress=on_progress)
-            pepper.play(
-                _response_motion(middle, robot),
-                on_tick=lambda tick, _: builders[SMALL_STEPS].append(tick),
-            )
-            back = Experiment(schema=2, name="back", steps=moves([goals[-1]]))
-            pepper.play(back, on_tick=on_tick)
             statistics = pepper.statistics
     except PepperError as error:
         result = rated(
@@ -242,6 +247,22 @@ def try_motion(
     if models is not None:
         results += (_judge_models(fits, settings), _judge_touch(contacts))
     return MotionTest(results=results, fits=fits, recordings=recordings)
+
+
+def _play(
+    pepper: Pepper,
+    parts: Sequence[tuple[Experiment, OnTick]],
+    on_progress: Callable[[float], None] | None,
+) -> None:
+    """Play experiments one after the other; the progress is that of all of them."""
+    ends = list(accumulate(experiment.max_length for experiment, _ in parts))
+    for (experiment, on_tick), begin in zip(parts, (0.0, *ends), strict=False):
+
+        def advance(fraction: float, begin: float = begin, part: Experiment = experiment) -> None:
+            if on_progress is not None:
+                on_progress((begin + fraction * part.max_length) / ends[-1])
+
+        pepper.play(experiment, on_tick=on_tick, on_progress=advance)
 
 
 def _finished(builders: Mapping[str, RecordingBuilder]) -> dict[str, Recording]:
@@ -331,7 +352,7 @@ def _judge_sensors(
     least = robot.sensors.encoder.step / 4
     rough = [
         joint in before.joints
-        and size > MAX_NOISE_RATIO * max(before.joints[joint].encoder_noise, least)
+        and size > MAX_NOISE_RATIO * max(before.joints[joint].encoder_noise or 0.0, least)
         for joint, size in noise.items()
     ]
     parts, remedies = [found], []

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from pepper_driver.backends import make_backend, with_query
-from pepper_driver.calibration.replayed import drive_along
+from pepper_driver.backends.simulated import drive_along
 from pepper_driver.config import (
     PepperError,
     RobotConfig,

@@ -7,7 +7,7 @@ import zipfile
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal, get_args
 
@@ -27,7 +27,6 @@ from pepper_driver.log.reader import BEGIN_SIZE
 from pepper_driver.observer.models.model_file import ModelFileError, ModelSet
 
 ARCHIVE = "first_hour.zip"
-README = "README.txt"
 
 Part = Literal["models", "identification", "rest", "free", "touches", "doctor"]
 PARTS: tuple[Part, ...] = get_args(Part)
@@ -115,7 +114,7 @@ def open_bundle(path: Path | str, *, parts: Collection[Part] = PARTS) -> Iterato
         return
     with TemporaryDirectory() as name:
         folder = Path(name)
-        _extract(path, folder)
+        _extract(path, folder, parts)
         yield _bundle(path, folder, parts)
 
 
@@ -133,15 +132,19 @@ def _bundle(source: Path, folder: Path, parts: Collection[Part]) -> Bundle:
         )
     files = {part: folder / place for part, place in PLACES.items()}
     for part in parts:
+        remedy = (
+            f"'pepper first-hour' with '--again {_STEP_OF[part]}' makes it again"
+            if source.is_dir()
+            else "have it sent again"
+        )
         if state.step(_STEP_OF[part]).progress != "done":
             raise BundleError(
                 f"{source}: step '{_STEP_OF[part]}' is not done, so it has no {PLACES[part]}; the command 'pepper "
                 "first-hour' that began it goes on from there"
             )
         if not files[part].exists():
-            remedy = "" if source.is_dir() else "; have it sent again"
-            raise BundleError(f"{source}: {PLACES[part]} is missing{remedy}")
-        _check_robot(source, part, files[part], state)
+            raise BundleError(f"{source}: {PLACES[part]} is missing; {remedy}")
+        _check_robot(source, part, files[part], state, remedy)
     return Bundle(
         source=source,
         state=state,
@@ -154,13 +157,13 @@ def _bundle(source: Path, folder: Path, parts: Collection[Part]) -> Bundle:
     )
 
 
-def _check_robot(source: Path, part: Part, file: Path, state: FirstHour) -> None:
+def _check_robot(source: Path, part: Part, file: Path, state: FirstHour, remedy: str) -> None:
     """Refuse a part of another robot than the state says, and one that cannot be read."""
     try:
         identity = _identity(part, file)
     except (ModelFileError, RecordingFolderError, OSError, ValueError) as error:
         text = reason(error).replace(f"{file.parent}/", "")
-        raise BundleError(f"{source}: {PLACES[part]} cannot be read: {text}") from error
+        raise BundleError(f"{source}: {PLACES[part]} cannot be read: {text}; {remedy}") from error
     if identity is not None and identity != state.identity:
         raise BundleError(
             f"{source}: {PLACES[part]} is of the robot {identity}, and {STATE} of {state.identity}: the files of two "
@@ -193,11 +196,11 @@ def _identity(part: Part, file: Path) -> str | None:
     return found[RUN].get("identity")
 
 
-def _extract(path: Path, folder: Path) -> None:
-    """Copy the files of a first hour out of an archive; others in it are left there."""
+def _extract(path: Path, folder: Path, parts: Collection[Part]) -> None:
+    """Copy state and parts of a first hour out of an archive; all else in it is left there."""
     try:
         with zipfile.ZipFile(path) as archive:
-            known = [entry for entry in archive.infolist() if _is_known(entry.filename)]
+            known = [entry for entry in archive.infolist() if _is_known(entry.filename, parts)]
             if sum(entry.file_size for entry in known) > MAX_SIZE:
                 raise BundleError(f"{path}: its files are too large for a first hour")
             for entry in known:
@@ -217,11 +220,9 @@ def _extract(path: Path, folder: Path) -> None:
         raise BundleError(f"{path}: damaged ({reason(error)})") from error
 
 
-def _is_known(name: str) -> bool:
-    """Return True for a file of the contract: then its name leads out of no folder."""
-    if name in (STATE, README, *PLACES.values()):
-        return name != PLACES["identification"]
-    parts = PurePosixPath(name).parts
-    if len(parts) != 2 or parts[0] != PLACES["identification"] or name != "/".join(parts):
-        return False
-    return parts[1] == MANIFEST or (parts[1].endswith(SUFFIX) and "\\" not in parts[1])
+def _is_known(name: str, parts: Collection[Part]) -> bool:
+    """Return True for the state and a file of these parts: then its name leads out of no folder."""
+    folder, _, file = name.partition("/")
+    if "identification" in parts and folder == PLACES["identification"]:
+        return file == MANIFEST or (file.endswith(SUFFIX) and not {"/", "\\"} & set(file))
+    return name == STATE or name in {PLACES[part] for part in parts}

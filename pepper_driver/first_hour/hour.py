@@ -14,6 +14,7 @@ from pepper_driver.first_hour.state import (
     STATE,
     Figure,
     FirstHour,
+    FirstHourError,
     StepName,
     check_same_hour,
     load_state,
@@ -31,8 +32,10 @@ def run_hour(
     actions: Mapping[StepName, Action],
     operator: Operator,
     *,
-    check: Callable[[PlannedStep], None],
+    introduce: Callable[[PlannedStep], None],
+    check: Callable[[], None],
     show: Callable[[str], None],
+    again: StepName | None = None,
 ) -> FirstHour:
     """Make all steps that are not done.
 
@@ -42,14 +45,18 @@ def run_hour(
         plan: What each step is.
         actions: By step.
         operator: Asked before each step in which the robot moves.
-        check: Called with such a step before the question; raises where the robot is not fit for it.
+        introduce: Shows such a step.
+        check: Called before the question and after the answer, which may come late; raises where the robot is not fit
+            to move.
         show: Prints a line.
+        again: Step to make once more although it is done, with those that build on it; None for none.
 
     Returns:
         The hour after its last step.
 
     Raises:
-        FirstHourError: The folder has the hour of another robot, version or plan, or its state is damaged.
+        FirstHourError: The folder has the hour of another robot, version or plan, its state is damaged, or it has no
+            hour of which a step could be made again.
         InUseError: Another command works in the folder.
         OperatorLeftError: A step was not confirmed.
         PepperError: A step failed. ``while_active`` is True for all that comes after the begin.
@@ -60,6 +67,10 @@ def run_hour(
         if path.exists():
             hour = load_state(path)
             check_same_hour(hour, asked, folder)
+            if again is not None:
+                hour = hour.reopened(again)
+        elif again is not None:
+            raise FirstHourError(f"{folder}: there is no hour of which a step could be made again")
         else:
             save_state(path, hour)
         begun = False
@@ -67,8 +78,10 @@ def run_hour(
             step = plan.step(name)
             try:
                 if step.moves:
-                    check(step)
+                    introduce(step)
+                    check()
                     operator.confirm(f"Begin step '{name}'?")
+                    check()
                 begun = True
                 hour = hour.begun(name)
                 save_state(path, hour)
@@ -80,15 +93,16 @@ def run_hour(
                     error.while_active = error.while_active or begun or name != "doctor"
                 # A terminal that was closed must not hide what ended the step.
                 with suppress(OSError):
-                    show(_how_to_go_on(hour, name, folder))
+                    show(_how_to_go_on(hour, name, folder, again if begun else None))
                 raise
     return hour
 
 
-def _how_to_go_on(hour: FirstHour, name: StepName, folder: Path) -> str:
+def _how_to_go_on(hour: FirstHour, name: StepName, folder: Path, again: StepName | None) -> str:
     done = [step.name for step in hour.steps if step.progress == "done"]
     kept = f"done: {', '.join(done)}" if done else "no step is done"
+    command = "the same command" if again is None else "the same command without --again"
     return (
         f"the hour ended early, in step '{name}'; {kept}. All that was recorded is kept in {folder}. When the cause is "
-        "removed, the same command goes on from there"
+        f"removed, {command} goes on from there"
     )

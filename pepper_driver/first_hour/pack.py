@@ -14,13 +14,15 @@ from pepper_driver.backends.log_file import decode_log, read_bytes, topics_of
 from pepper_driver.backends.log_records import find_chunks, messages_in
 from pepper_driver.config.files import replacing
 from pepper_driver.doctor.bundle import DATE, Scrubber, robot_hash
-from pepper_driver.first_hour.bundle import PLACES, README, open_bundle
+from pepper_driver.first_hour.bundle import PLACES, open_bundle
 from pepper_driver.first_hour.state import STATE
 from pepper_driver.identification.dataset import MANIFEST, read_manifest, recording_path
 from pepper_driver.log.reader import usual_layout
 from pepper_driver.log.topics import EVENTS
 from pepper_driver.log.writer import McapFile
 from pepper_driver.observer.models.model_file import ModelSet
+
+README = "README.txt"
 
 CONTENT = """First hour of a robot, made by 'pepper first-hour'.
 

@@ -20,9 +20,7 @@ from pepper_driver.identification.runs import (
     plan_runs,
     sweeps_of,
 )
-
-SETTLE = 3.0
-"""[s] to the posture in which the robot stands."""
+from pepper_driver.recording.record import TO_STAND
 
 BY_KEY = "key"
 """Source of labels that is the space bar, which then stops nothing."""
@@ -109,8 +107,7 @@ class HourPlan:
 
 def standing(seconds: float) -> Experiment:
     """Return the experiment in which the robot stands for a time [s]."""
-    steps = (Step(posture="Stand", duration=SETTLE), Step(hold=seconds))
-    return Experiment(schema=2, name="rest", steps=steps)
+    return Experiment(schema=2, name="rest", steps=(TO_STAND, Step(hold=seconds)))
 
 
 def plan_hour(
@@ -148,9 +145,9 @@ def plan_hour(
     seconds: dict[StepName, float] = {
         "doctor": doctor.inspection_time + doctor.motion + RESPONSE_TIME + 2 * settings.session,
         **{name: _with_sessions(made, settings) for name, made in runs.items()},
-        "rest": standing(settings.rest).longest_time + settings.session,
-        "free": free.longest_time + settings.session,
-        "touches": SETTLE + asked.seconds + settings.session,
+        "rest": standing(settings.rest).max_length + settings.session,
+        "free": free.max_length + settings.session,
+        "touches": TO_STAND.max_duration + asked.seconds + settings.session,
         "pack": 0.0,
     }
     hands = {name: settings.confirmation if seconds[name] else 0.0 for name in STEPS}
@@ -193,7 +190,8 @@ _WORDS: dict[StepName, dict[str, str]] = {
     },
     "identify": {
         "title": "free motion of arms and head, and the fit",
-        "do": "touch nothing; the computer then computes for some minutes, the robot rests meanwhile",
+        "do": "take the weight out of the hand, if one hangs there; touch nothing; then the computer computes for some "
+        "minutes, the robot rests meanwhile",
         "normal": "models explain 60 % and more; thresholds below 3 deg or 2 N m at shoulders and elbows",
     },
     "rest": {

@@ -15,7 +15,7 @@ from pydantic.dataclasses import dataclass
 
 from pepper_driver.backends import BackendInfo
 from pepper_driver.config import ConfigError, PepperError, RobotConfig
-from pepper_driver.config.errors import reason, short_reason
+from pepper_driver.config.errors import first_difference, reason, short_reason
 from pepper_driver.config.files import write_json
 from pepper_driver.config.loading import STRICT, parse
 from pepper_driver.config.parts import Positive
@@ -49,6 +49,7 @@ class StepRecord:
         progress: ``begun`` is one that was ended early: what it recorded is kept.
         begin, end: Date and time, UTC, ISO 8601; None where it has not begun or ended.
         figures: What it found, by name.
+        earlier: What it found in each attempt before this one, oldest first; nothing where that ended early.
     """
 
     name: StepName
@@ -56,6 +57,13 @@ class StepRecord:
     begin: str | None = None
     end: str | None = None
     figures: Mapping[str, Figure] = field(default_factory=dict)
+    earlier: tuple[Mapping[str, Figure], ...] = ()
+
+    def reopened(self) -> StepRecord:
+        """Return the state of a step that is to be made again."""
+        if self.progress != "done":
+            return self
+        return StepRecord(name=self.name, earlier=(*self.earlier, self.figures))
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -105,7 +113,9 @@ class FirstHour:
 
     def begun(self, name: StepName) -> FirstHour:
         """Return the state with a step that begins now."""
-        return self._with(replace(self.step(name), progress="begun", begin=now(), end=None))
+        step = self.step(name)
+        earlier = (*step.earlier, step.figures) if step.progress == "begun" else step.earlier
+        return self._with(StepRecord(name=name, progress="begun", begin=now(), earlier=earlier))
 
     def done(self, name: StepName, figures: Mapping[str, Figure]) -> FirstHour:
         """Return the state with a step that ends now."""
@@ -113,10 +123,10 @@ class FirstHour:
         return self._with(replace(step, progress="done", end=now(), figures=dict(figures)))
 
     def reopened(self, name: StepName) -> FirstHour:
-        """Return the state with a step, and those that build on it, to be made again."""
-        steps = STEPS[STEPS.index(name) :]
+        """Return the state with a step to be made again, and those that build on it: all later ones need the models."""
+        again = STEPS[STEPS.index(name) :] if name in ("measure", "identify") else (name, "pack")
         return replace(
-            self, steps=tuple(StepRecord(name=s.name) if s.name in steps else s for s in self.steps)
+            self, steps=tuple(s.reopened() if s.name in again else s for s in self.steps)
         )
 
     def _with(self, record: StepRecord) -> FirstHour:
@@ -166,9 +176,9 @@ _COMPARED = {
     "plan": "by the plan with the hash",
     "weight": "with the weight",
     "label": "with the label",
-    "prompts": "with the prompts",
+    "prompts": "with prompts that ask for",
 }
-"""What must not change within an hour, and how to speak of it."""
+"""What must not change within an hour, and the words before its value."""
 
 
 def check_same_hour(there: FirstHour, asked: FirstHour, path: Path) -> None:
@@ -177,23 +187,10 @@ def check_same_hour(there: FirstHour, asked: FirstHour, path: Path) -> None:
     Raises:
         FirstHourError: It names what differs, and how to go on.
     """
-    for key, what in _COMPARED.items():
-        old, new = getattr(there, key), getattr(asked, key)
-        if old != new:
-            raise FirstHourError(
-                f"{path}: this hour was begun {what} {_shown(old)}, not {_shown(new)}; go on as it was begun, or "
-                f"{ANOTHER_FOLDER}"
-            )
-
-
-def _shown(value: object) -> str:
-    if isinstance(value, HeldWeight):
-        return f"{value.mass:g} kg at {value.link}"
-    if isinstance(value, TouchPrompts):
-        return f"that ask for {len(value.touches)} touches in {value.seconds:g} s"
-    if isinstance(value, tuple):
-        return ", ".join(map(str, value))
-    return "none" if value is None else str(value)
+    if difference := first_difference(there, asked, _COMPARED):
+        raise FirstHourError(
+            f"{path}: this hour was begun {difference}; go on as it was begun, or {ANOTHER_FOLDER}"
+        )
 
 
 def save_state(path: Path, hour: FirstHour) -> None:

@@ -20,8 +20,7 @@ from pepper_driver.backends.readiness import (
     refuse_failed,
 )
 from pepper_driver.config import Experiment, RobotConfig, load_safety_settings
-from pepper_driver.config.errors import reason
-from pepper_driver.config.files import OutputError
+from pepper_driver.config.files import set_aside
 from pepper_driver.config.workers import Workers
 from pepper_driver.controller import Tick
 from pepper_driver.doctor import examine, try_motion
@@ -40,7 +39,6 @@ from pepper_driver.identification import (
 )
 from pepper_driver.identification import Progress as RecordingProgress
 from pepper_driver.identification.dataset import load_measurement, recording_path
-from pepper_driver.identification.measurements.held_weight import falling_weight
 from pepper_driver.identification.measurements.program import WEIGHT, measure_robot
 from pepper_driver.identification.runs import run_name
 from pepper_driver.observer import Observation
@@ -71,9 +69,9 @@ class Display(Protocol):
         """Show a bar while the block is open; what it yields takes the fraction that is done, 0..1."""
 
     def runs(
-        self, ask: Callable[[str], None]
-    ) -> AbstractContextManager[tuple[RecordingProgress, Callable[[str], None]]]:
-        """Show the progress of runs; the second part asks, and makes room for the question."""
+        self, operator: Operator
+    ) -> AbstractContextManager[tuple[RecordingProgress, Operator]]:
+        """Show the progress of runs; the second part asks the operator, and makes room for the question."""
 
 
 def read_robot(uri: str, robot: RobotConfig) -> tuple[BackendInfo, Measurement]:
@@ -186,14 +184,15 @@ class RobotSteps:
         """Measure the robot: delay, noise, friction, speed, and the scale of torques by a weight."""
         while True:
             self._record(measure_only=True)
-            recordings = load_measurement(self._recordings, self.robot)
-            if self.plan.weight is None:
-                break
-            doubt = falling_weight(recordings, self.plan.weight, self.robot)
+            measured = measure_robot(
+                load_measurement(self._recordings, self.robot),
+                read_manifest(self._recordings).response_delay,
+                self.robot,
+                self.plan.weight,
+            )
+            doubt = measured.weight_doubt
             if doubt is None or not self._repeat([run_name(WEIGHT, 1)], doubt):
                 break
-        manifest = read_manifest(self._recordings)
-        measured = measure_robot(recordings, manifest.response_delay, self.robot, self.plan.weight)
         self.display.measured(measured)
         return {
             "delay_ticks": measured.response_delay,
@@ -218,7 +217,9 @@ class RobotSteps:
             )
             if not (touched and self._repeat(touched, doubt)):
                 break
-        result.models.save(self.folder / PLACES["models"])
+        models = self.folder / PLACES["models"]
+        set_aside(models)
+        result.models.save(models)
         return {
             "fit": _median([fit.test for fit in result.fits["fusion"].values()]),
             "threshold_deg": _median(
@@ -233,7 +234,7 @@ class RobotSteps:
         return self.folder / PLACES["identification"]
 
     def _record(self, *, measure_only: bool = False) -> None:
-        with self.display.runs(self.operator.confirm) as (progress, ask):
+        with self.display.runs(self.operator) as (progress, operator):
             record_joints(
                 self.uri,
                 self.plan.joints,
@@ -245,7 +246,15 @@ class RobotSteps:
                 weight=self.plan.weight,
                 seed=self.plan.experiment.seed,
                 workers=self.workers,
-                confirm=lambda run: ask(f"Next, for {run.seconds:.0f} s: {run.watched}. Ready?"),
+                confirm=lambda run: operator.confirm(
+                    f"Next, for {run.seconds:.0f} s: {run.watched}. Ready?"
+                ),
+                on_touch=lambda run, sensor: self.display.line(
+                    f"{sensor} is pressed in run {run.name}: does a person touch the robot?"
+                ),
+                repeat=lambda run, sensors: operator.offer(
+                    f"{', '.join(sensors)} pressed in run {run.name}. Record it again?"
+                ),
                 progress=progress,
             )
 
@@ -288,10 +297,14 @@ class RobotSteps:
         ):
             pepper.start_log(log)
             pepper.play(plan, on_tick=on_tick, on_progress=advance)
+        if links:
+            self.display.line(
+                f"if a person touched the robot, the same command with '--again {name}' makes this step again"
+            )
         return {
             "false_contacts": len(links),
             "links": tuple(dict.fromkeys(links)),
-            "seconds": experiment.longest_time,
+            "seconds": experiment.max_length,
         }
 
     def touches(self) -> Mapping[str, Figure]:
@@ -325,23 +338,6 @@ class RobotSteps:
             f"archive: {self.archive}, {size:.0f} MB; look through it before you send it"
         )
         return {"megabytes": size}
-
-
-def set_aside(path: Path) -> None:
-    """Give a file another name, where there is one: an earlier attempt is not lost.
-
-    Raises:
-        OutputError: It cannot be renamed.
-    """
-    if not path.exists():
-        return
-    number = 1
-    while (other := path.with_name(f"{path.name}.early-{number}")).exists():
-        number += 1
-    try:
-        path.rename(other)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be renamed ({reason(error)})") from error
 
 
 def _median(values: Sequence[float]) -> float | None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import logging
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, field
 from importlib.metadata import version
 from pathlib import Path
@@ -16,12 +17,14 @@ from pydantic.dataclasses import dataclass
 
 from pepper_driver.backends import Backend
 from pepper_driver.config import ConfigError, Experiment, PepperError, RobotConfig
-from pepper_driver.config.errors import reason
-from pepper_driver.config.files import content_hash, make_folder, write_json
+from pepper_driver.config.errors import first_difference, reason
+from pepper_driver.config.files import content_hash, make_folder, set_aside, write_json
 from pepper_driver.config.loading import STRICT, parse
 from pepper_driver.identification.measurements.friction import HeldWeight
 from pepper_driver.identification.runs import IdentificationRun, Role, run_name
-from pepper_driver.observer import Recording
+from pepper_driver.observer import Recording, RecordingError
+
+logger = logging.getLogger("pepper_driver")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -80,6 +83,11 @@ class IdentificationDataset:
         """Motion that no model is fitted to: the calibration, or without it the test runs."""
         return self.calibration or tuple(entry.test for entry in self.sweeps)
 
+    def without(self, joints: Collection[str]) -> IdentificationDataset:
+        """Return the dataset without the sweeps of these joints."""
+        kept = tuple(entry for entry in self.sweeps if entry.joint not in joints)
+        return dataclasses.replace(self, sweeps=kept)
+
     def entries(self, robot: RobotConfig, *, mirror: bool = True) -> Iterator[JointDataset]:
         """Yield the recordings of each joint that gets a model.
 
@@ -120,7 +128,7 @@ _COMPARED = {
     "measured_by": "measuring",
     "weight": "with the weight",
 }
-"""What the runs depend on, and how to speak of it."""
+"""What the runs depend on, and the words before its value."""
 
 
 class RecordingFolderError(PepperError, ValueError):
@@ -262,14 +270,11 @@ def open_folder(folder: Path, manifest: Manifest) -> None:
         write_json(folder / MANIFEST, asdict(manifest))
         return
     there = read_manifest(folder)
-    for key, what in _COMPARED.items():
-        if key == "backend" and not there.simulated:
-            continue  # a real robot has an identity; its address may change
-        old, new = getattr(there, key), getattr(manifest, key)
-        if old != new:
-            raise RecordingFolderError(
-                f"{folder}: these recordings were made {what} {_shown(old)}, not {_shown(new)}; {_AGAIN}"
-            )
+    compared = dict(_COMPARED)
+    if not there.simulated:
+        del compared["backend"]  # a real robot has an identity; its address may change
+    if difference := first_difference(there, manifest, compared):
+        raise RecordingFolderError(f"{folder}: these recordings were made {difference}; {_AGAIN}")
     make_folder(folder)
 
 
@@ -302,6 +307,22 @@ def read_manifest(folder: Path) -> Manifest:
 def finished(folder: Path, names: Sequence[str]) -> tuple[str, ...]:
     """Return the runs that have a recording."""
     return tuple(name for name in names if recording_path(folder, name).exists())
+
+
+def set_damaged_aside(folder: Path, names: Sequence[str], robot: RobotConfig) -> None:
+    """Give recordings that cannot be read another name: then their runs are made again. A warning names each.
+
+    Raises:
+        OutputError: One cannot be renamed.
+    """
+    for name in finished(folder, names):
+        path = recording_path(folder, name)
+        try:
+            Recording.load(path, robot)
+        except RecordingError as error:
+            kept = set_aside(path)
+            found = str(error).partition("; ")[0]
+            logger.warning("%s; it is kept as %s, and the run is made again", found, kept)
 
 
 def load_measurement(folder: Path, robot: RobotConfig) -> dict[str, Recording]:
@@ -361,11 +382,3 @@ def _of(
     manifest: Manifest, runs: dict[str, Recording], joint: str | None, role: Role
 ) -> tuple[Recording, ...]:
     return tuple(runs[run.name] for run in manifest.runs if (run.joint, run.role) == (joint, role))
-
-
-def _shown(value: object) -> str:
-    if isinstance(value, HeldWeight):
-        return f"{value.mass:g} kg at {value.link}"
-    if isinstance(value, tuple):
-        return ", ".join(map(str, value)) or "none"
-    return "none" if value is None else str(value)

@@ -34,6 +34,7 @@ from pepper_driver.observer import (
 )
 from pepper_driver.observer.detection.threshold import threshold_factor
 from pepper_driver.observer.fitting.samples import in_working_range
+from pepper_driver.observer.models.stick_slip import NO_LIMIT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,49 +67,48 @@ def shared_fits(
     recordings: IdentificationDataset,
     robot: RobotConfig,
     fits: Mapping[str, FitScore[float]],
+    target_speeds: Mapping[str, float] | None = None,
 ) -> tuple[SharedFit, ...]:
-    """Return the loss of each recorded joint that takes a model; ``fits`` are those of the shared models."""
+    """Return the loss of each recorded joint that takes a model.
+
+    Args:
+        kind: Of the models.
+        recordings: What they were fitted to.
+        robot: Its description.
+        fits: Of the shared models.
+        target_speeds: As the shared models have them; see :func:`fit_models`.
+    """
     sources = model_sources(recordings, robot, mirror=False)
     return tuple(
         SharedFit(
             joint=entry.joint,
             source=sources[entry.joint],
             shared=fits[entry.joint].test,
-            own=_own_fit(kind, entry, robot),
+            own=_own_fit(kind, entry, robot, (target_speeds or {}).get(entry.joint, NO_LIMIT)),
             halves=not entry.estimation,
         )
         for entry in recordings.sweeps
-        if sources[entry.joint] != entry.joint
+        if sources[entry.joint] != entry.joint and entry.joint in fits
     )
 
 
-def _own_fit(kind: ModelKind, entry: JointDataset, robot: RobotConfig) -> float | None:
+def _own_fit(
+    kind: ModelKind, entry: JointDataset, robot: RobotConfig, target_speed: float
+) -> float | None:
+    def fit(*runs: Recording) -> Predictor:
+        model = fit_one(kind, entry.joint, runs, robot, target_speed=target_speed)
+        return predictor(model, entry.joint)
+
     try:
         if entry.estimation:
-            model = fit_one(kind, entry.joint, entry.estimation, robot)
-            return mean_fit(entry, (entry.test,), predictor(model, entry.joint))
+            return mean_fit(entry, (entry.test,), fit(*entry.estimation))
         # The sequence is played twice, with other postures of the neighbours: one half predicts the other.
         half = len(entry.test) // 2
         first, second = part(entry.test, 0, half), part(entry.test, half, len(entry.test))
-        predicted = np.concatenate(
-            (
-                _predicted(kind, entry, second, first, robot),
-                _predicted(kind, entry, first, second, robot),
-            )
-        )
+        predicted = np.concatenate((fit(second)(first), fit(first)(second)))
         return nrmse_fit(entry.test.tracking_error(entry.index), predicted)
     except FittingError:
         return None
-
-
-def _predicted(
-    kind: ModelKind,
-    entry: JointDataset,
-    known: Recording,
-    unknown: Recording,
-    robot: RobotConfig,
-) -> FloatArray:
-    return predictor(fit_one(kind, entry.joint, (known,), robot), entry.joint)(unknown)
 
 
 def part(recording: Recording, begin: int, end: int) -> Recording:
@@ -128,11 +128,15 @@ CLOSED_FORM = "closed form"
 
 
 class FittedModels(NamedTuple):
-    """By joint: the models, how well they predict, and the thresholds of the residual [rad]; and the base's model."""
+    """By joint: the models, how well they predict, and the thresholds of the residual [rad]; and the base's model.
+
+    ``left_out`` has the joints whose recordings determine no model of kind ``fusion``, and why.
+    """
 
     models: dict[str, JointModel]
     fits: dict[str, FitScore[float]]
     thresholds: dict[str, float]
+    left_out: dict[str, str]
     base: BaseModel | None = None
 
 
@@ -158,7 +162,7 @@ def fit_models(
         workers: Processes for models of kind ``fusion``, -1 for one per core; or a cluster.
 
     Raises:
-        FittingError: Recordings that determine nothing.
+        FittingError: Recordings that determine nothing; of kind ``fusion``, those of all joints.
     """
     if kind == "fusion":
         return _fit_fusion(
@@ -171,7 +175,7 @@ def fit_models(
         )
     window = load_observer_settings().median_window
     sources = model_sources(recordings, robot, mirror=mirror) if share_types else {}
-    fitted = FittedModels({}, {}, {})
+    fitted = FittedModels({}, {}, {}, {})
     # Joints that give their model away come before those that take it.
     entries = recordings.entries(robot, mirror=mirror)
     waiting = []
@@ -188,11 +192,16 @@ def fit_models(
 
 
 def fit_one(
-    kind: ModelKind, joint: str, recordings: Sequence[Recording], robot: RobotConfig
+    kind: ModelKind,
+    joint: str,
+    recordings: Sequence[Recording],
+    robot: RobotConfig,
+    *,
+    target_speed: float = NO_LIMIT,
 ) -> JointModel:
-    """Return a model of one joint; of kind ``fusion``, without its thresholds."""
+    """Return a model of one joint; of kind ``fusion``, with this speed of its target, without its thresholds."""
     if kind == "fusion":
-        return fit_joint_fusion(joint, recordings, robot)
+        return fit_joint_fusion(joint, recordings, robot, target_speed=target_speed)
     return fit_joint(joint, recordings, kind)
 
 
@@ -209,7 +218,7 @@ def _fit_fusion(
     sources = model_sources(recordings, robot, mirror=mirror) if share_types else {}
     entries = list(recordings.entries(robot, mirror=mirror))
     own = [entry for entry in entries if sources.get(entry.joint, entry.joint) == entry.joint]
-    models, base = fit_fusion(
+    models, left_out, base = fit_fusion(
         robot,
         {entry.joint: entry.estimation for entry in own},
         {
@@ -225,19 +234,31 @@ def _fit_fusion(
     )
     fits = {}
     for entry in entries:
-        predict = predictor(models[entry.joint], entry.joint)
-        test = mean_fit(entry, (entry.test,), predict)
-        runs = entry.estimation
-        fits[entry.joint] = FitScore(
-            estimation=mean_fit(entry, runs, predict) if runs else test, test=test
-        )
+        if entry.joint in models:
+            try:
+                fits[entry.joint] = _scores(entry, predictor(models[entry.joint], entry.joint))
+            except FittingError as error:
+                left_out[entry.joint] = str(error)
+    # A joint whose model comes from one that is left out is not compared with anything.
+    left_out |= {joint: left_out[source] for joint, source in sources.items() if source in left_out}
+    if len(left_out) == len(entries):
+        raise FittingError(next(iter(left_out.values())))
+    kept = {name: model for name, model in models.items() if name not in left_out}
     factor = threshold_factor(load_observer_settings().false_contacts)
     return FittedModels(
-        models=dict(models),
-        fits=fits,
-        thresholds={name: factor * max(model.spread) for name, model in models.items()},
+        models=dict(kept),
+        fits={name: fits[name] for name in kept},
+        thresholds={name: factor * max(model.spread) for name, model in kept.items()},
+        left_out=left_out,
         base=base,
     )
+
+
+def _scores(entry: JointDataset, predict: Predictor) -> FitScore[float]:
+    """Return how well the runs of a joint are predicted; without estimation runs, the test run alone."""
+    test = mean_fit(entry, (entry.test,), predict)
+    runs = entry.estimation
+    return FitScore(estimation=mean_fit(entry, runs, predict) if runs else test, test=test)
 
 
 def _add(
@@ -303,15 +324,10 @@ def closed_form_fits(
     mirror: bool,
 ) -> dict[str, FitScore[float]]:
     """Return by joint how well Eq. 11 predicts with the true parameters of a simulated robot; ``cycle`` in [s]."""
-    fits = {}
-    for entry in recordings.entries(robot, mirror=mirror):
-        predict = _oracle(plant, cycle, robot, entry.joint)
-        test = mean_fit(entry, (entry.test,), predict)
-        runs = entry.estimation
-        fits[entry.joint] = FitScore(
-            estimation=mean_fit(entry, runs, predict) if runs else test, test=test
-        )
-    return fits
+    return {
+        entry.joint: _scores(entry, _oracle(plant, cycle, robot, entry.joint))
+        for entry in recordings.entries(robot, mirror=mirror)
+    }
 
 
 def mean_fit(entry: JointDataset, runs: Sequence[Recording], predict: Predictor) -> float:

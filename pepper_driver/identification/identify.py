@@ -23,7 +23,7 @@ from pepper_driver.config import (
     load_robot,
 )
 from pepper_driver.config.file_lock import lock_folder
-from pepper_driver.config.files import write_bytes
+from pepper_driver.config.files import set_aside, write_bytes
 from pepper_driver.config.workers import Workers, one_core, run_jobs
 from pepper_driver.experiments.plan import experiment_uri
 from pepper_driver.identification.dataset import (
@@ -37,6 +37,7 @@ from pepper_driver.identification.dataset import (
     open_folder,
     read_manifest,
     recording_path,
+    set_damaged_aside,
 )
 from pepper_driver.identification.fit import (
     CLOSED_FORM,
@@ -46,7 +47,6 @@ from pepper_driver.identification.fit import (
     shared_fits,
 )
 from pepper_driver.identification.measurements.friction import HeldWeight
-from pepper_driver.identification.measurements.held_weight import falling_weight
 from pepper_driver.identification.measurements.program import (
     RESPONSE,
     WEIGHT,
@@ -54,8 +54,12 @@ from pepper_driver.identification.measurements.program import (
     measured_joints,
     weighted_hand,
 )
-from pepper_driver.identification.measurements.response import measure_response
-from pepper_driver.identification.quality import Finding, inspect_recordings
+from pepper_driver.identification.measurements.response import (
+    MeasuredResponse,
+    ResponseError,
+    measure_response,
+)
+from pepper_driver.identification.quality import Finding, inspect_recordings, wandering_targets
 from pepper_driver.identification.runs import (
     IdentificationRun,
     check_dry_run,
@@ -81,6 +85,12 @@ Progress = Callable[[str, float, float], None]
 Confirm = Callable[[IdentificationRun], None]
 """Called before a run that a person must watch; raises to end the recording there."""
 
+OnTouch = Callable[[IdentificationRun, str], None]
+"""Called inside the tick with the run and the name of a touch sensor or bumper that is pressed: must be quick."""
+
+Repeat = Callable[[IdentificationRun, Sequence[str]], bool]
+"""Called after a run in which these sensors were pressed, and which is kept; True to make it again."""
+
 
 def record_missing(
     uri: str,
@@ -88,48 +98,45 @@ def record_missing(
     *,
     every: Sequence[IdentificationRun],
     folder: Path,
-    robot: RobotConfig,
     real_time: bool,
     takes_seed: bool,
     identity: str,
-    after_weight: bool = False,
     workers: Workers = -1,
     confirm: Confirm | None = None,
+    on_touch: OnTouch | None = None,
+    repeat: Repeat | None = None,
     progress: Progress | None = None,
 ) -> None:
     """Make the runs whose file is not in the folder. Each file is written as soon as its run has ended.
 
     Simulated backends run in parallel, each run on a robot and with a random sequence of its own; the result does not
-    depend on ``workers``, nor on what was there. A backend in real time runs one after the other, after a dry run of
-    all that are to be made now.
+    depend on ``workers``, nor on what was there. A backend in real time runs one after the other; :func:`record_joints`
+    has dry run them. After the run with a weight in the hand, the next one begins with a request to take it out, also
+    where the run with the weight was made by an earlier call.
 
     Args:
         uri: The backend.
         runs: Those to make now.
         every: All runs of the identification: progress is that of them all.
         folder: Where their recordings are.
-        robot: Its description.
         real_time: True for a real robot.
         takes_seed: True where the URI takes a seed of the noise.
         identity: Of the simulated robot, which is to be the same in each process.
-        after_weight: True where a person may still have a weight in the robot's hand: asked for before the first run.
-        workers: Processes for simulated runs and dry runs, -1 for one per core; or a cluster.
+        workers: Processes for simulated runs, -1 for one per core; or a cluster.
         confirm: Asked before each run of a real robot that a person must watch.
+        on_touch: Called when a sensor of a real robot shows that a person touches it.
+        repeat: Asked after a run in which that was so; an earlier recording gets another name.
         progress: Called with the progress.
 
     Raises:
         PepperError: A robot that refuses, a run that would not go well, a folder that cannot be written to.
     """
-    there = finished(folder, [run.name for run in runs])
-    todo = [run for run in runs if run.name not in there]
+    todo = _missing(folder, runs)
     if not todo:
         return
-    kept = finished(folder, [run.name for run in every])
-    if any(run.moves_legs for run in every if run.name not in kept):
-        _check_balance(robot)
-    report_progress = progress or (lambda what, done, total: None)
+    report_progress = progress or _report_nothing
     total = sum(run.seconds for run in every)
-    done = sum(run.seconds for run in every if run.name in kept)
+    done = total - sum(run.seconds for run in _missing(folder, every))
     if not real_time:
         report_progress("recording in simulation", done, total)
         uris = [seeded_uri(uri, run) if takes_seed else uri for run in todo]
@@ -139,9 +146,10 @@ def record_missing(
             done += run.seconds
             report_progress(f"recording in simulation: {run.name}", done, total)
         return
-    _dry_run_all(todo, workers, report_progress)
+    latest = _latest(folder, every)
     for run in todo:
-        asked = run.after_weight() if after_weight and run is todo[0] else run
+        weighed = latest is not None and latest.weight is not None
+        asked = run.after_weight() if weighed and run.weight is None else run
         if confirm is not None and asked.watched:
             confirm(asked)
         before = done
@@ -149,10 +157,58 @@ def record_missing(
         def advance(fraction: float, run: IdentificationRun = run, before: float = before) -> None:
             report_progress(run.name, before + fraction * run.seconds, total)
 
-        advance(0.0)
-        perform(uri, run, stop_key=True, on_progress=advance).save(recording_path(folder, run.name))
+        _perform_untouched(
+            uri, run, recording_path(folder, run.name), advance, on_touch=on_touch, repeat=repeat
+        )
+        latest = run
         done += run.seconds
         report_progress(run.name, done, total)
+
+
+def _perform_untouched(
+    uri: str,
+    run: IdentificationRun,
+    path: Path,
+    advance: Callable[[float], None],
+    *,
+    on_touch: OnTouch | None,
+    repeat: Repeat | None,
+) -> None:
+    """Make a run of a real robot, again as often as it was touched and is to be repeated; write its file each time."""
+    pressed: list[str] = []
+
+    def note(sensor: str) -> None:
+        pressed.append(sensor)
+        if on_touch is not None:
+            on_touch(run, sensor)
+
+    while True:
+        pressed.clear()
+        advance(0.0)
+        perform(uri, run, stop_key=True, on_progress=advance, on_touch=note).save(path)
+        if not pressed or repeat is None or not repeat(run, tuple(dict.fromkeys(pressed))):
+            return
+        set_aside(path)
+
+
+def _missing(folder: Path, runs: Sequence[IdentificationRun]) -> list[IdentificationRun]:
+    """Return the runs without a recording."""
+    there = finished(folder, [run.name for run in runs])
+    return [run for run in runs if run.name not in there]
+
+
+def _report_nothing(what: str, done: float, total: float) -> None:
+    """Report no progress."""
+
+
+def _latest(folder: Path, runs: Sequence[IdentificationRun]) -> IdentificationRun | None:
+    """Return the run that was recorded last; None where there is no recording."""
+    there = finished(folder, [run.name for run in runs])
+    return max(
+        (run for run in runs if run.name in there),
+        key=lambda run: recording_path(folder, run.name).stat().st_mtime_ns,
+        default=None,
+    )
 
 
 def _make(uri: str, run: IdentificationRun, identity: str) -> tuple[IdentificationRun, bytes]:
@@ -196,7 +252,7 @@ class Identification:
         models: Of the chosen kind.
         fits: By method and joint: the chosen kind first; where methods were compared, then the trees of the paper and,
             on a simulated robot, the closed form of Eq. 11 with the plant's true parameters.
-        recorded: Joints that were recorded; the others that have models are their mirror images.
+        recorded: Joints that were recorded and have a model; the others that have one are their mirror images.
         shared: Loss of shared models, where motor types have one.
         sensitivities: By joint, the touch that it detects; of models of kind ``fusion``.
         findings: Why the models may be poor.
@@ -284,12 +340,14 @@ def record_joints(
     seed: int = 0,
     workers: Workers = -1,
     confirm: Confirm | None = None,
+    on_touch: OnTouch | None = None,
+    repeat: Repeat | None = None,
     progress: Progress | None = None,
 ) -> IdentificationDataset:
-    """Drive each joint through its runs, then the whole body; what is in the folder already is not made again.
+    """Drive each joint through its runs, then the whole body; of these, what is in the folder whole is not made again.
 
     The robot itself is measured first, if asked for: the samples of the other runs are then paired with the commands
-    that they answer, by the delay that was measured.
+    that they answer, by the delay that was measured. Before a real robot moves, all that is to be made is dry run.
 
     Args:
         uri: The backend. A seed in it makes other noise, not other motion.
@@ -304,6 +362,8 @@ def record_joints(
         seed: Root of the random motion and noise.
         workers: Processes for simulated runs, -1 for one per core; or a cluster.
         confirm: Asked before each run of a real robot that a person must watch.
+        on_touch: Called when a sensor of a real robot shows that a person touches it.
+        repeat: Asked after a run in which that was so; an earlier recording gets another name.
         progress: Called with the progress.
 
     Raises:
@@ -320,29 +380,46 @@ def record_joints(
     every = (*measurements, *runs)
     with lock_folder(folder):
         open_folder(folder, make_manifest(robot, backend, every, experiment, calibration, seed))
+        set_damaged_aside(folder, [run.name for run in every], robot)
         record = partial(
             record_missing,
             every=every,
             folder=folder,
-            robot=robot,
             real_time=backend.real_time,
             takes_seed="seed" in backend.info.capabilities,
             identity=backend.info.identity,
             workers=workers,
             confirm=confirm,
+            on_touch=on_touch,
+            repeat=repeat,
             progress=progress,
         )
-        weighed = weight is not None and not finished(folder, [run_name(WEIGHT, 1)])
+        todo = _missing(folder, measurements if measure_only else every)
+        if any(run.moves_legs for run in todo):
+            _check_balance(robot)
+        if backend.real_time and todo:
+            _dry_run_all(todo, workers, progress or _report_nothing)
         if measurements:
             record(uri, measurements)
-            response = load_measurement(folder, robot)[RESPONSE]
-            measured = measure_response(response, measured_joints(robot), robot)
+            measured = _response(folder, robot)
             uri = with_delay(uri, max(0, backend.info.response_delay + measured.lead))
         if measure_only:
             measurement = load_measurement(folder, robot)
             return IdentificationDataset(sweeps=(), calibration=(), measurement=measurement)
-        record(uri, runs, after_weight=weighed)
+        record(uri, runs)
     return load_recordings(folder, robot)
+
+
+def _response(folder: Path, robot: RobotConfig) -> MeasuredResponse:
+    """Return the delay that was measured."""
+    recording = load_measurement(folder, robot)[RESPONSE]
+    try:
+        return measure_response(recording, measured_joints(robot), robot)
+    except ResponseError as error:
+        raise ResponseError(
+            f"{error} (a robot without such currents is identified by 'pepper identify --no-measure', with another "
+            "folder for --recordings)"
+        ) from error
 
 
 def _check_plant(experiment: Experiment, calibration: Experiment | None) -> None:
@@ -391,27 +468,30 @@ def _fit_folder(
     manifest, recordings = read_manifest(folder), load_recordings(folder, robot)
     share_types = share_types or bool(manifest.tested)
     measured = _measured(manifest, recordings, robot)
+    target_speeds = None if measured is None else measured.target_speeds
     fitted = fit_models(
         kind,
         recordings,
         robot,
         mirror=mirror,
         share_types=share_types,
-        target_speeds=None if measured is None else measured.target_speeds,
+        target_speeds=target_speeds,
         workers=workers,
     )
     fits: dict[str, dict[str, FitScore[float]]] = {kind: fitted.fits}
+    modelled = recordings.without(fitted.left_out)
     if compare:
         for other in TREE_TYPES:
             if other != kind:
                 fits[other] = fit_models(
-                    other, recordings, robot, mirror=mirror, share_types=share_types
+                    other, modelled, robot, mirror=mirror, share_types=share_types
                 ).fits
-        fits |= _closed_form(manifest, recordings, robot, mirror=mirror)
+        fits |= _closed_form(manifest, modelled, robot, mirror=mirror)
     findings = (
-        *_weight_findings(manifest, recordings, robot),
+        *_weight_findings(measured),
         *inspect_recordings(recordings, fitted.models),
     )
+    causes = (*findings, *wandering_targets(recordings, fitted.models))
     sensitivities = joint_sensitivities(fitted.models, robot)
     return Identification(
         models=ModelSet(
@@ -430,11 +510,13 @@ def _fit_folder(
             created_by=_command(manifest, kind, mirror=mirror, share_types=share_types),
         ),
         fits=fits,
-        recorded=tuple(entry.joint for entry in recordings.sweeps),
-        shared=shared_fits(kind, recordings, robot, fitted.fits) if share_types else (),
+        recorded=tuple(entry.joint for entry in modelled.sweeps),
+        shared=shared_fits(kind, recordings, robot, fitted.fits, target_speeds)
+        if share_types
+        else (),
         sensitivities=sensitivities,
         findings=findings,
-        blind=blind_joints(fitted.fits, sensitivities, findings, robot),
+        blind=blind_joints(fitted.fits, sensitivities, causes, robot, fitted.left_out),
     )
 
 
@@ -447,15 +529,11 @@ def _measured(
     return measure_robot(recordings.measurement, manifest.response_delay, robot, manifest.weight)
 
 
-def _weight_findings(
-    manifest: Manifest, recordings: IdentificationDataset, robot: RobotConfig
-) -> tuple[Finding, ...]:
+def _weight_findings(measured: MeasuredRobot | None) -> tuple[Finding, ...]:
     """Find a known weight that was not in the hand during all of its run."""
-    if manifest.weight is None:
+    if measured is None or measured.weight_doubt is None:
         return ()
-    text = falling_weight(recordings.measurement, manifest.weight, robot)
-    if text is None:
-        return ()
+    text = f"{measured.weight_doubt}; the scale of torques by it is left out"
     return (Finding(kind="weight", joint=None, run=run_name(WEIGHT, 1), text=text),)
 
 

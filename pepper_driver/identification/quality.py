@@ -12,13 +12,14 @@ from pepper_driver.config import load_observer_settings
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.identification.dataset import IdentificationDataset, JointDataset
 from pepper_driver.identification.runs import run_name
-from pepper_driver.observer import FusionModel, JointModel, Recording
+from pepper_driver.observer import FusionModel, JointModel, Recording, predict_recording
 from pepper_driver.observer.fitting.bounds import free_residual
 from pepper_driver.observer.fitting.samples import (
     WORKING_ERROR,
     clipped_current,
+    fit_samples,
 )
-from pepper_driver.observer.fitting.stick_slip import bounded_constants
+from pepper_driver.observer.fitting.stick_slip import START_UP_TIME, bounded_constants
 from pepper_driver.observer.recording import STALE_AGE
 
 Kind = Literal[
@@ -32,6 +33,7 @@ Kind = Literal[
     "behind",
     "blind",
     "weight",
+    "wander",
 ]
 
 MIN_RANGE = 0.1
@@ -66,6 +68,13 @@ SLOWER = 0.8
 
 SPEED_TIME = 0.06
 """[s] over which measured and commanded speeds are compared."""
+
+WANDER_TIME = 1.0
+"""[s] over which the mean of an error is taken: slower is what a target that wanders does."""
+
+MIN_WANDER_RATIO = 0.5
+"""Fraction of the variance of what a model leaves over that is slow, where a target wanders. Recorded joints with lags,
+friction or loads that are not known have 0.1: their motion explains the rest."""
 
 _DELAY, _LOAD = (
     "is the delay right?",
@@ -136,6 +145,70 @@ def inspect_recordings(
     for joint, model in models.items():
         found.extend(_bursts(joint, names, runs, model))
     return tuple(found)
+
+
+def wandering_targets(
+    recordings: IdentificationDataset, models: Mapping[str, JointModel]
+) -> tuple[Finding, ...]:
+    """Joints whose error changes slowly, in motion and at rest, without a reason in their motion.
+
+    The target of such a board wanders. That is no fault of the recordings, and a cause of poor models.
+
+    Args:
+        recordings: As they were recorded.
+        models: By joint, fitted to them; only those of kind ``fusion`` count.
+    """
+    found = []
+    for entry in recordings.sweeps:
+        model = models.get(entry.joint)
+        size = _wander(entry, model) if isinstance(model, FusionModel) else None
+        if size is not None:
+            text = (
+                f"its error changes slowly by {np.degrees(size):.1f} deg to either side without a reason in its "
+                "motion: the target of its board wanders, which no model knows"
+            )
+            found.append(Finding(kind="wander", joint=entry.joint, run=None, text=text))
+    return tuple(found)
+
+
+def _wander(entry: JointDataset, model: FusionModel) -> float | None:
+    """Return by how much the error of a joint changes slowly, nine tenths of the time [rad]; None where it does not.
+
+    What its motion explains is no wander, whatever a model says of it: friction, lag, and a load that it does not know.
+    """
+    residuals, columns = [], []
+    for run in entry.runs:
+        residual = run.tracking_error(entry.index) - predict_recording(model, entry.joint, run)
+        residual[~fit_samples(run, entry.index)] = np.nan
+        residual[: round(START_UP_TIME / run.cycle)] = np.nan
+        velocity = run.velocity[:, entry.index]
+        direction = np.where(np.abs(velocity) > AT_REST, np.sign(velocity), 0.0)
+        position, load = run.reference_position[:, entry.index], run.load_torque[:, entry.index]
+        residuals.append(residual)
+        columns.append(np.stack((position, velocity, direction, load, np.ones_like(load)), axis=1))
+    residual, motion = np.concatenate(residuals), np.concatenate(columns)
+    seen = np.isfinite(residual)
+    explained = np.linalg.lstsq(motion[seen], residual[seen], rcond=None)[0]
+    slow = np.concatenate(
+        [
+            _running_mean(left - of_run @ explained, max(1, round(WANDER_TIME / run.cycle)))
+            for left, of_run, run in zip(residuals, columns, entry.runs, strict=True)
+        ]
+    )
+    slow = slow[np.isfinite(slow)]
+    if not len(slow) or not slow.var() > MIN_WANDER_RATIO * residual[seen].var():
+        return None
+    low, high = np.percentile(slow, [5, 95])
+    return float(high - low) / 2.0
+
+
+def _running_mean(values: FloatArray, ticks: int) -> FloatArray:
+    """Return the (n,) mean of that many samples around each; NaN where more than half of them are not known."""
+    known = np.isfinite(values)
+    padded = np.pad(np.stack((known, np.where(known, values, 0.0))), ((0, 0), (ticks // 2, ticks)))
+    sums = np.lib.stride_tricks.sliding_window_view(padded, ticks, axis=1).sum(axis=2)
+    count, total = sums[:, : len(values)]
+    return np.where(count > ticks / 2, total / np.maximum(count, 1.0), np.nan)
 
 
 def _excitation(entry: JointDataset) -> list[Finding]:

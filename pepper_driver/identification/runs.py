@@ -12,6 +12,7 @@ import numpy as np
 
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.backends.selection import parse_uri, with_query
+from pepper_driver.callbacks.events import SensorEdges
 from pepper_driver.config import (
     ConfigError,
     ControllerSettings,
@@ -65,7 +66,7 @@ class IdentificationRun:
         seed: Of the random motion, and of a simulated robot's noise.
         seconds: How long it takes, from the first posture on [s].
         watched: Reason for which the user of a real robot is asked first; empty for none.
-        by_hand: True where the user must do something before, and is asked in any case.
+        moves_legs: True where legs or base move.
         arm_speed: Largest speed of the arm joints [rad/s]; None for the controller's own.
         weight: That a person hangs into a hand before; it hangs in that of a simulated robot by itself. None for none.
     """
@@ -78,19 +79,14 @@ class IdentificationRun:
     seed: tuple[int, ...]
     seconds: float
     watched: str
-    by_hand: bool = False
+    moves_legs: bool = False
     arm_speed: float | None = None
     weight: HeldWeight | None = None
 
     def after_weight(self) -> IdentificationRun:
         """Return the run with the request to empty the hand before it."""
         watched = "; ".join(filter(None, (EMPTY_HAND, self.watched)))
-        return replace(self, watched=watched, by_hand=True)
-
-    @property
-    def moves_legs(self) -> bool:
-        """True where legs or base move."""
-        return self.watched in (LEGS_MOVE, BODY_MOVES)
+        return replace(self, watched=watched)
 
     def controller(self, robot: RobotConfig) -> ControllerSettings:
         """Return the settings of the controller for this run."""
@@ -139,7 +135,7 @@ def plan_measurements(
         if name == SPEED:
             run = replace(run, arm_speed=TESTED_SPEED)
         elif name == WEIGHT and weight is not None:
-            run = replace(run, weight=weight, watched=_hang(weight), by_hand=True)
+            run = replace(run, weight=weight, watched=_hang(weight))
         runs.append(run)
     return tuple(runs)
 
@@ -194,6 +190,7 @@ def plan_runs(
         numbers = [*range(len(stiffnesses)), len(sweeps.estimation_stiffness)]
         for number, stiffness in zip(numbers, (*stiffnesses, experiment.stiffness), strict=True):
             test = number == numbers[-1]
+            legs = name in robot.chains.get("legs", ())
             runs.append(
                 _run(
                     robot,
@@ -203,7 +200,8 @@ def plan_runs(
                     joint=name,
                     role="test" if test else "estimation",
                     seed=(seed, robot.joint_index(name), number),
-                    watched=LEGS_MOVE if name in robot.chains.get("legs", ()) else "",
+                    watched=LEGS_MOVE if legs else "",
+                    moves_legs=legs,
                 )
             )
     if calibration is not None:
@@ -216,6 +214,7 @@ def _calibration_runs(
 ) -> list[IdentificationRun]:
     if experiment.contacts:
         raise experiment.error("contacts", "thresholds are chosen on free motion; leave them out")
+    body = _moves_body(robot, experiment)
     return [
         _run(
             robot,
@@ -225,7 +224,8 @@ def _calibration_runs(
             joint=None,
             role="calibration",
             seed=(seed, len(robot.joint_names), number),
-            watched=BODY_MOVES if _moves_body(robot, experiment) else "",
+            watched=BODY_MOVES if body else "",
+            moves_legs=body,
         )
         for number, stiffness in enumerate(CALIBRATION_STIFFNESS)
     ]
@@ -250,12 +250,13 @@ def _run(
     role: Role,
     seed: tuple[int, ...],
     watched: str,
+    moves_legs: bool = False,
 ) -> IdentificationRun:
     experiment = replace(experiment, stiffness=stiffness)
     plan = plan_experiment(experiment, robot, MockBackend(robot), seed=seed)
     seconds = sum(segment.ticks for segment in plan.segments) * robot.cycle
     if experiment.random_step is None:  # segments do not have the repetitions of a block
-        seconds = experiment.longest_time
+        seconds = experiment.max_length
     return IdentificationRun(
         name=name,
         joint=joint,
@@ -265,6 +266,7 @@ def _run(
         seed=seed,
         seconds=seconds,
         watched=watched,
+        moves_legs=moves_legs,
     )
 
 
@@ -287,6 +289,7 @@ def perform(
     identity: str | None = None,
     stop_key: bool = False,
     on_progress: Callable[[float], None] | None = None,
+    on_touch: Callable[[str], None] | None = None,
 ) -> Recording:
     """Have a robot perform a run. However it ends, the robot is stopped safely.
 
@@ -296,6 +299,7 @@ def perform(
         identity: Of the robot that is expected; None for any.
         stop_key: Whether a key of the terminal stops the robot.
         on_progress: Called with the fraction of the time that has passed, 0..1.
+        on_touch: Called inside the tick with the name of a touch sensor or bumper that is pressed: must be quick.
 
     Raises:
         ConfigError: It is another robot than is expected.
@@ -310,6 +314,17 @@ def perform(
             "its plant differs there, or was changed"
         )
     plan = plan_experiment(run.experiment, robot, pepper.backend, seed=run.seed)
+    edges: SensorEdges | None = None
+
+    def on_tick(tick: Tick, _: Observation | None) -> None:
+        nonlocal edges
+        builder.append(tick)
+        if edges is None:  # a sensor that is jammed is no touch
+            edges = SensorEdges(robot, tick.measurement)
+        for event in edges.step(tick.measurement):
+            if on_touch is not None and event.pressed and event.kind != "button":
+                on_touch(event.name)
+
     with StopKey(pepper.emergency_stop) if stop_key else nullcontext(), pepper:
         if run.weight is not None and "push" in pepper.backend.info.capabilities:
             force = (0.0, 0.0, -run.weight.mass * GRAVITY)
@@ -318,7 +333,7 @@ def perform(
             pepper.push(run.weight.link, force, run.weight.xyz, duration, rise=0.5)
         pepper.play(
             plan,
-            on_tick=lambda tick, _: builder.append(tick),
+            on_tick=on_tick,
             on_progress=on_progress,
             skip_settling=True,
         )

@@ -34,7 +34,16 @@ POSTURE = "Stand"
 PLACES = {"hand": (HAND_LINKS["left"], GRIP), "forearm": ("LForeArm", (0.1, 0.0, 0.0))}
 """Link and point in its frame [m] at which forces are given, of the left arm; the right one is its mirror image."""
 
-CAUSES: tuple[Kind, ...] = ("behind", "current", "bound", "excitation", "gaps", "stale", "contact")
+CAUSES: tuple[Kind, ...] = (
+    "behind",
+    "current",
+    "bound",
+    "excitation",
+    "gaps",
+    "stale",
+    "wander",
+    "contact",
+)
 """Findings that may explain a blind joint, the likeliest first."""
 
 
@@ -110,6 +119,7 @@ def blind_joints(
     sensitivities: Mapping[str, JointSensitivity],
     findings: Sequence[Finding],
     robot: RobotConfig,
+    left_out: Mapping[str, str],
 ) -> tuple[Finding, ...]:
     """Return the joints whose models notice hardly any touch, each with the likely cause.
 
@@ -118,8 +128,12 @@ def blind_joints(
         sensitivities: Of :func:`joint_sensitivities`.
         findings: About the recordings, which may explain it.
         robot: Its description.
+        left_out: By joint without a model, why it has none.
     """
-    blind = []
+    blind = [
+        Finding(kind="blind", joint=joint, run=None, text=f"is blind: it has no model. {reason}")
+        for joint, reason in left_out.items()
+    ]
     for joint, one in sensitivities.items():
         fit, reasons = fits[joint], []
         too_high = one.threshold > MAX_THRESHOLD and one.torque > MAX_TORQUE

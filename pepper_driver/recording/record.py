@@ -27,6 +27,9 @@ from pepper_driver.recording.labels import (
 from pepper_driver.recording.terminal_keys import SpaceBar, StopKey
 from pepper_driver.robot import Pepper
 
+TO_STAND = Step(posture="Stand", duration=3.0)
+"""To the posture in which a robot asks for touches."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class LabelledRun:
@@ -96,7 +99,8 @@ def record_labelled(
         out: The log; an existing file is replaced once the robot is there.
         source: Where the labels come from, see :func:`pepper_driver.recording.labels.make_labeller`.
         experiment: Played again and again until ``seconds`` are over, or once; its reactions are left out.
-        prompts: Touches that the robot asks for, in place of an experiment; they name the links.
+        prompts: Touches that the robot asks for, in place of an experiment; they name the links. The robot takes its
+            posture before, which is not in the log.
         seconds: Time for which it holds its posture, or plays at least [s].
         seed: Of the experiment's random goals; None for its own.
         link: What is touched; in place of the link of the sensor.
@@ -167,6 +171,8 @@ def record_labelled(
         return labels
 
     with space_bar if by_key else StopKey(pepper.emergency_stop), pepper:
+        if prompts is not None:
+            pepper.play(Experiment(schema=2, name="stand", steps=(TO_STAND,)))
         space_bar.forget()  # what was pressed while the robot started
         log = pepper.start_log(out, make_labels)
         if on_start is not None:

@@ -1,11 +1,13 @@
 """Errors keep message and data on the way between processes."""
 
 from multiprocessing import Pipe
+from types import SimpleNamespace
 
 import pytest
 
 from pepper_driver.backends.naoqi.qi_library import NoQiError
 from pepper_driver.config import ConfigError, MissingExtraError, PepperError, UnknownNameError
+from pepper_driver.config.errors import first_difference
 from pepper_driver.controller import GainError, LimitError, TargetError
 from pepper_driver.log import LogError
 from pepper_driver.safety import Fault, FaultError, FaultReason
@@ -56,3 +58,16 @@ def test_every_leaf_is_also_a_builtin_error() -> None:
 
 def test_a_suggestion_names_each_choice_once() -> None:
     assert str(UnknownNameError("x", "ab", ["abc", "abc"])).count("did you mean abc?") == 1
+
+
+def test_the_first_difference_is_spoken_of_in_words() -> None:
+    compared = {"seed": "with the seed", "joints": "of the joints", "weight": "with the weight"}
+    there = SimpleNamespace(seed=1, joints=(), weight=None, other=1)
+    assert first_difference(there, SimpleNamespace(**vars(there) | {"other": 2}), compared) is None
+    for changes, words in (
+        ({"weight": 0.5, "seed": 2}, "with the seed 1, not 2"),
+        ({"joints": ("HeadYaw", "HeadPitch")}, "of the joints none, not HeadYaw, HeadPitch"),
+        ({"weight": 0.5}, "with the weight none, not 0.5"),
+    ):
+        asked = SimpleNamespace(**vars(there) | changes)
+        assert first_difference(there, asked, compared) == words

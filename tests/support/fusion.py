@@ -213,6 +213,14 @@ def drive(
     return Driven(position=np.array(positions), motor=np.array(motors))
 
 
+def followed(command: FloatArray, speed: float) -> FloatArray:
+    """A target that runs after the command no faster than this [rad/s]."""
+    target, reach = command.copy(), speed * CYCLE
+    for k in range(1, len(command)):
+        target[k] = target[k - 1] + np.clip(command[k] - target[k - 1], -reach, reach)
+    return target
+
+
 def quantised(position: FloatArray) -> FloatArray:
     rounded: FloatArray = np.round(position / ENCODER) * ENCODER
     return rounded

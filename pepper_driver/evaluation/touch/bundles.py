@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
@@ -22,6 +22,7 @@ from pepper_driver.evaluation.touch.observers import (
 )
 from pepper_driver.evaluation.touch.records import RobotRecord, Take
 from pepper_driver.first_hour.bundle import Bundle, Part
+from pepper_driver.first_hour.state import Figure
 from pepper_driver.log import read_log
 from pepper_driver.observer import ModelSet
 from pepper_driver.recording.labels import pushes_of
@@ -58,6 +59,7 @@ class JudgedBundle:
         label: Source of the labels.
         begun: Date and time of the touches, UTC, ISO 8601; empty where it is not known.
         pressed: By name of a log without touches, sensors that were pressed in it, and how often.
+        earlier: By name of a log, what the robot found in each attempt before it; nothing where that ended early.
     """
 
     record: RobotRecord
@@ -67,6 +69,7 @@ class JudgedBundle:
     label: str
     begun: str
     pressed: dict[str, dict[str, int]]
+    earlier: dict[str, tuple[Mapping[str, Figure], ...]]
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -92,7 +95,23 @@ class JudgedBundle:
             for log, sensors in self.pressed.items()
             for sensor, count in sensors.items()
         ]
+        lines += [
+            f"{name}: the log `{log}` that is judged is attempt {len(earlier) + 1}; {_attempts(earlier)}."
+            for log, earlier in self.earlier.items()
+        ]
         return tuple(lines)
+
+
+def _attempts(earlier: Sequence[Mapping[str, Figure]]) -> str:
+    """Return in words what became of attempts that are not judged: else one could repeat until no contact is false."""
+    whole = [figures for figures in earlier if figures]
+    found = [str(figures["false_contacts"]) for figures in whole if "false_contacts" in figures]
+    parts = [f"{len(earlier) - len(whole)} before ended early"] if len(whole) < len(earlier) else []
+    if whole:
+        parts.append(f"{len(whole)} before made again")
+    if found:
+        parts[-1] += f" (false contacts: {', '.join(found)})"
+    return ", ".join(parts)
 
 
 def judge_bundles(
@@ -164,6 +183,9 @@ def _judged(bundle: Bundle, name: str, results: Sequence[_Result]) -> JudgedBund
             part: pressed
             for part, (_, pressed) in zip(_STATES, results, strict=True)
             if pressed and part != "touches"
+        },
+        earlier={
+            step.name: step.earlier for step in state.steps if step.name in _STATES and step.earlier
         },
     )
 

@@ -54,6 +54,9 @@ class HeldWeight:
     link: str
     xyz: tuple[float, float, float]
 
+    def __str__(self) -> str:
+        return f"{self.mass:g} kg at {self.link}"
+
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredFriction:

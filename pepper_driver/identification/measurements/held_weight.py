@@ -8,14 +8,9 @@ from statistics import median
 import numpy as np
 
 from pepper_driver.config import RobotConfig
-from pepper_driver.identification.measurements.friction import (
-    HeldWeight,
-    measure_friction,
-    measure_torque_scale,
-    slow_samples,
-)
-from pepper_driver.identification.measurements.program import FRICTION, WEIGHT, measured_joints
+from pepper_driver.identification.measurements.friction import HeldWeight, slow_samples
 from pepper_driver.observer import Recording
+from pepper_driver.observer.models.measured_robot import MeasuredJoint
 
 MIN_HELD_RATIO = 0.35
 """Of what a weight should count, below which it hangs at no joint: arms that weigh twice as much halve it."""
@@ -25,7 +20,10 @@ MIN_HALVES_RATIO = 0.5
 
 
 def falling_weight(
-    recordings: Mapping[str, Recording], weight: HeldWeight, robot: RobotConfig
+    joints: Mapping[str, MeasuredJoint],
+    loaded: Recording,
+    weight: HeldWeight,
+    robot: RobotConfig,
 ) -> str | None:
     """Return in words that a weight was not in the hand during all of its run; None where it was.
 
@@ -34,23 +32,19 @@ def falling_weight(
     the same joint, since gears differ.
 
     Args:
-        recordings: By name of the run, those with and without the weight.
+        joints: Scales of load and torque of the joints that were measured.
+        loaded: Run with the weight.
         weight: That was to be in the hand.
         robot: Its description.
     """
-    empty, loaded = recordings[FRICTION], recordings[WEIGHT]
     middle = 0.5 * (loaded.time[0] + loaded.time[-1])
     first: dict[str, float] = {}
     second: dict[str, float] = {}
-    for joint in measured_joints(robot):
-        scale = measure_torque_scale([empty], [loaded], joint, weight, robot)
-        if scale is None:
-            continue
-        own = measure_friction([empty], joint, robot)
-        if own is None or own.load_scale is None:
+    for joint, one in joints.items():
+        if one.torque_scale is None or one.load_scale is None:
             continue
         half = second if _time_of_sweep(loaded, robot.joint_index(joint)) > middle else first
-        half[joint] = scale / own.load_scale
+        half[joint] = one.torque_scale / one.load_scale
     if not (first and second):
         return None
     most = max(*first.values(), *second.values())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Literal
 
 from pepper_driver.config import ConfigError, RobotConfig
@@ -12,6 +13,7 @@ from pepper_driver.identification.measurements.friction import (
     measure_friction,
     measure_torque_scale,
 )
+from pepper_driver.identification.measurements.held_weight import falling_weight
 from pepper_driver.identification.measurements.noise import (
     late_fraction,
     lost_fraction,
@@ -80,6 +82,8 @@ def measure_robot(
 ) -> MeasuredRobot:
     """Return the facts that the runs of MEASUREMENTS show.
 
+    A weight that was not in the hand during all of its run does not count: see ``weight_doubt``.
+
     Args:
         recordings: By name of the run.
         reported_delay: Ticks from a command to the sample that answers it, by which the recordings are paired.
@@ -93,14 +97,21 @@ def measure_robot(
     response = measure_response(recordings[RESPONSE], joints, robot)
     runs = list(recordings.values())
     lost = lost_fraction([recordings[SPEED]], joints, robot)
+    found = {joint: _joint(recordings, joint, robot, weight) for joint in joints}
+    doubt = None
+    if weight is not None:
+        doubt = falling_weight(found, recordings[WEIGHT], weight, robot)
+    if doubt is not None:
+        found = {joint: replace(one, torque_scale=None) for joint, one in found.items()}
     return MeasuredRobot(
         reported_delay=reported_delay,
         delay_error=response.lead,
         delay_spread=(response.earliest, response.latest),
         late=late_fraction(runs),
         lost=0.0 if lost is None else lost,
-        weight=None if weight is None else weight.mass,
-        joints={joint: _joint(recordings, joint, robot, weight) for joint in joints},
+        weight=None if weight is None or doubt is not None else weight.mass,
+        weight_doubt=doubt,
+        joints=found,
     )
 
 
@@ -111,7 +122,7 @@ def _joint(
     weight: HeldWeight | None,
 ) -> MeasuredJoint:
     noise = measure_noise(recordings[RESPONSE], joint)
-    encoder, current = (0.0, 0.0) if noise is None else noise
+    encoder, current = (None, None) if noise is None else noise
     friction = measure_friction([recordings[FRICTION]], joint, robot)
     speed = measure_speed(recordings[SPEED], joint, robot)
     torque_scale = None

@@ -64,7 +64,7 @@ def one_line(fake: FakeRobot, error: Exception) -> str:
 
 def test_a_pepper_that_is_well(fake: FakeRobot) -> None:
     found = asked(fake)
-    assert (found.version, found.body_id) == ("2.5.10.7", "body-7")
+    assert (found.kind, found.version, found.body_id) == ("Juliette", "2.5.10.7", "body-7")
     assert not fake.log
 
 

@@ -15,7 +15,7 @@ from pepper_driver.observer.fitting.bounds import (
     MIN_LEAF_RATIO,
     fit_bounds,
 )
-from pepper_driver.observer.fitting.fusion import fit_fusion, fit_joint_fusion
+from pepper_driver.observer.fitting.fusion import FittedFusion, fit_fusion, fit_joint_fusion
 from pepper_driver.observer.fitting.stick_slip import START_UP_TIME
 from pepper_driver.observer.fitting.tree import FittingError
 from pepper_driver.observer.interface import JointState
@@ -134,12 +134,38 @@ def test_thresholds_keep_their_margin_on_the_calibration(bounded: FusionModel) -
         assert (bound[-len(sizes) :] >= BOUND_FACTOR * sizes - 1e-12).all()
 
 
-def test_a_joint_that_falls_behind_in_all_of_the_calibration_is_refused() -> None:
-    motion = swing(6.0, 0.2, 0.8)
-    quiet = recording_of(motion, drive(motion))
-    behind = replace(quiet, position=quiet.position - 0.5)
-    with pytest.raises(FittingError, match=f"{JOINT}: none of its samples in the free motion"):
-        fit_bounds({JOINT: fusion_model()}, [behind], CYCLE, window=WINDOW)
+def behind(run: Recording, joint: str) -> Recording:
+    """A joint that is half a radian behind all the time."""
+    position = run.position.copy()
+    position[:, ROBOT.joint_index(joint)] -= 0.5
+    return replace(run, position=position)
+
+
+def test_one_joint_that_falls_behind_does_not_cost_the_others() -> None:
+    """The head in all of its runs, the other elbow in the free motion for thresholds."""
+    sweeps = {JOINT: runs(), OTHER: [run.mirrored(ROBOT) for run in runs()]}
+    head = [behind(run, "HeadYaw") for run in runs()]
+    free = [behind(run, OTHER) for run in runs(seed=1)]
+
+    def fit(sweeps: dict[str, list[Recording]], mirrors: dict[str, str]) -> FittedFusion:
+        return fit_fusion(
+            ROBOT,
+            sweeps,
+            mirrors,
+            {"HeadPitch": "HeadYaw"},
+            free,
+            window=WINDOW,
+            target_speeds={},
+            workers=1,
+        )
+
+    models, left_out, _ = fit({**sweeps, "HeadYaw": head}, {OTHER: JOINT})
+    assert set(models) == {JOINT}
+    assert set(left_out) == {OTHER, "HeadYaw", "HeadPitch"}
+    assert "none of its samples in the free motion" in left_out[OTHER]
+    assert "HeadYaw: none of its samples counts" in left_out["HeadPitch"]
+    with pytest.raises(FittingError, match="HeadYaw: none of its samples counts"):
+        fit({"HeadYaw": head}, {})
 
 
 def test_a_quiet_joint_gets_the_least_threshold() -> None:
@@ -152,7 +178,7 @@ def test_a_quiet_joint_gets_the_least_threshold() -> None:
 def test_all_of_it_together_detects_a_push_and_nothing_else() -> None:
     free = runs(seed=1)
     sweeps = {JOINT: runs(), OTHER: [run.mirrored(ROBOT) for run in runs()]}
-    fitted, base = fit_fusion(
+    fitted, _, base = fit_fusion(
         ROBOT,
         sweeps,
         {OTHER: JOINT},

@@ -11,16 +11,13 @@ import pytest
 
 from pepper_driver.backends.fields import RECORDED_FIELDS
 from pepper_driver.calibration import recorded_robot
-from pepper_driver.calibration.drive import changed_drive, drive_values
-from pepper_driver.calibration.recorded_robot import (
-    MAX_TICKS,
-    RobotCalibrationError,
-    with_facts,
-)
+from pepper_driver.calibration.drive import changed_drive, values_with_lead
+from pepper_driver.calibration.recorded_robot import RobotCalibrationError, with_facts
 from pepper_driver.calibration.replayed import RecordedRun, replay
 from pepper_driver.cli.app import run
-from pepper_driver.config import PlantConfig, load_plant, load_robot
+from pepper_driver.config import load_plant, load_robot
 from pepper_driver.config.files import make_folder, write_json
+from pepper_driver.config.plant_parts import MAX_TICKS
 from pepper_driver.identification.dataset import Manifest, RunEntry, recording_path
 from pepper_driver.observer import Recording, RecordingBuilder
 from pepper_driver.observer.models.measured_robot import MeasuredJoint, MeasuredRobot
@@ -143,17 +140,17 @@ def test_a_robot_is_found_again(
     assert found.targets.speed_limit == 2.2
     assert (found.transport.late, found.transport.lost) == (0.01, 0.002)
     assert found.base == NOMINAL.base
-    joint = drive_values(ROBOT, found, "LElbowRoll")
+    joint = values_with_lead(ROBOT, found, "LElbowRoll")
     assert joint.stiffness == pytest.approx(
-        drive_values(ROBOT, true, "LElbowRoll").stiffness, rel=0.01
+        values_with_lead(ROBOT, true, "LElbowRoll").stiffness, rel=0.01
     )
-    shoulder = drive_values(ROBOT, found, "LShoulderPitch")
+    shoulder = values_with_lead(ROBOT, found, "LShoulderPitch")
     assert shoulder.stiffness == pytest.approx(
-        drive_values(ROBOT, true, "LShoulderPitch").stiffness, rel=0.01
+        values_with_lead(ROBOT, true, "LShoulderPitch").stiffness, rel=0.01
     )
     # The right arm did not move: it stays as it was.
     for name in ("RElbowRoll", "HeadYaw"):
-        assert drive_values(ROBOT, found, name) == drive_values(ROBOT, NOMINAL, name)
+        assert values_with_lead(ROBOT, found, name) == values_with_lead(ROBOT, NOMINAL, name)
     shown = capsys.readouterr().out
     assert "5 as measured" in shown
     assert "hardly moved, so their values are those of 'nominal'" in shown
@@ -167,24 +164,33 @@ def test_a_robot_is_found_again(
 
 
 def test_a_known_weight_tells_masses_from_motors() -> None:
-    """Arms of 1.5 times the mass, and gears that pass on 0.8 of the torque."""
-    joint = MeasuredJoint(
-        encoder_noise=0.0, current_noise=0.0, load_scale=1.5 / 0.8, torque_scale=1.0 / 0.8
-    )
+    """Arms of 1.5 times the mass, and gears that pass on less than all of the torque; the left hand was weighed."""
+    true = {"LElbowRoll": 0.8, "LShoulderRoll": 0.7, "RElbowRoll": 0.6, "HeadPitch": 0.5}
+    joints = {
+        name: MeasuredJoint(
+            load_scale=(1.0 if name == "HeadPitch" else 1.5) / efficiency,
+            # The weight loads the other joints too little, or not at all.
+            torque_scale=1.0 / efficiency if name == "LElbowRoll" else None,
+            encoder_noise=0.0,
+            current_noise=0.0,
+        )
+        for name, efficiency in true.items()
+    }
     runs = [RecordedRun(name="x", held_out=False, recording=still(0.5), pairing=0)]
-
-    def fitted(fact: MeasuredJoint) -> PlantConfig:
-        return with_facts(NOMINAL, replace(FACTS, joints={"LElbowRoll": fact}), runs, ROBOT)
-
-    plant = fitted(joint)
-    assert plant.actuator("LElbowRoll").efficiency == pytest.approx(0.8)
-    assert plant.body.masses["LForeArm"] == pytest.approx(1.5)
-    assert "RForeArm" not in plant.body.masses
+    plant = with_facts(NOMINAL, replace(FACTS, joints=joints), runs, ROBOT)
+    for name, efficiency in true.items():
+        assert plant.actuator(name).efficiency == pytest.approx(efficiency, rel=1e-3), name
+    # Both arms are built alike: what the left one weighs more, the right one does too.
+    for side in "LR":
+        assert plant.body.masses[f"{side}ForeArm"] == pytest.approx(1.5)
+    assert "Head" not in plant.body.masses
     assert "efficiency" in plant.actuator("LElbowRoll").origin["calibrated"]
-    assert "efficiency" in plant.actuator("RElbowRoll").origin["assumed"]
+    assert "efficiency" in plant.actuator("RElbowYaw").origin["assumed"]
     # Without the weight, all of it is the motor's.
-    plant = fitted(replace(joint, torque_scale=None))
+    unweighed = {name: replace(joint, torque_scale=None) for name, joint in joints.items()}
+    plant = with_facts(NOMINAL, replace(FACTS, joints=unweighed), runs, ROBOT)
     assert plant.actuator("LElbowRoll").efficiency == pytest.approx(0.8 / 1.5, rel=1e-3)
+    assert plant.actuator("RElbowRoll").efficiency == pytest.approx(0.6 / 1.5, rel=1e-3)
     assert not plant.body.masses
 
 
@@ -199,6 +205,22 @@ def test_facts_that_no_plant_has_are_limited_or_refused() -> None:
     assert with_facts(NOMINAL, replace(FACTS, delay_error=16), runs, ROBOT).response_delay == 21
     with pytest.raises(RobotCalibrationError, match="answers 22 ticks after a command"):
         with_facts(NOMINAL, replace(FACTS, delay_error=17), runs, ROBOT)
+    with pytest.raises(RobotCalibrationError, match="100% of the samples of this robot came late"):
+        with_facts(NOMINAL, replace(FACTS, late=1.0), runs, ROBOT)
+    with pytest.raises(RobotCalibrationError, match="100% were lost"):
+        with_facts(NOMINAL, replace(FACTS, lost=1.0), runs, ROBOT)
+
+
+def test_a_noise_that_was_not_measured_is_that_of_the_plant() -> None:
+    runs = [RecordedRun(name="x", held_out=False, recording=still(0.5), pairing=0)]
+    facts = replace(FACTS, joints={"LElbowRoll": MeasuredJoint()})
+    transport = with_facts(NOMINAL, facts, runs, ROBOT).transport
+    assert transport.encoder_noise == NOMINAL.transport.encoder_noise
+    # Joints that never rested do not count among the others.
+    facts = replace(FACTS, joints={**FACTS.joints, **dict.fromkeys("abc", MeasuredJoint())})
+    noisy = with_facts(NOMINAL, facts, runs, ROBOT).transport
+    assert noisy == with_facts(NOMINAL, FACTS, runs, ROBOT).transport
+    assert noisy.encoder_noise > 0.0
 
 
 def test_a_limit_of_targets_that_the_robot_does_not_have_is_taken_away() -> None:
@@ -222,7 +244,7 @@ def test_rows_of_a_joint_that_hardly_moves_do_not_count() -> None:
 
 def test_a_lead_is_changed_and_otherwise_kept() -> None:
     drive = NOMINAL.actuator("LElbowRoll")
-    values = drive_values(ROBOT, NOMINAL, "LElbowRoll")
+    values = values_with_lead(ROBOT, NOMINAL, "LElbowRoll")
     later = changed_drive(ROBOT, drive, "LElbowRoll", replace(values, lead=0.01), "calibrated")
     assert later.kd / later.kp == pytest.approx(0.01, rel=1e-3)
     kept = changed_drive(ROBOT, drive, "LElbowRoll", replace(values, lead=None), "calibrated")

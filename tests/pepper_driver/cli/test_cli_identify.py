@@ -12,7 +12,7 @@ import pytest
 
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.cli.app import run
-from pepper_driver.config import load_controller_settings
+from pepper_driver.config import PepperError, load_controller_settings
 from pepper_driver.config.signals import raised_signals
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.controller.report import ControllerStatus
@@ -108,9 +108,37 @@ def test_models_with_blind_joints_are_written_only_when_they_are_accepted(
     assert "LElbowRoll is blind" in line
     assert line.endswith(f"--recordings {elbows} --out {out} --accept-blind")
     assert not out.exists()
-    assert run(["identify", *options, "--accept-blind"]) == 0
+    # The command that is printed makes the models that were asked for.
+    assert run(["identify", *options, "--no-mirror", "--share-types"]) == 2
+    command = capsys.readouterr().err.partition("pepper identify")[2].split()
+    assert command[-3:] == ["--accept-blind", "--no-mirror", "--share-types"]
+    assert run(["identify", *command]) == 0
     assert "warning: LElbowRoll: is blind" in capsys.readouterr().out
-    assert "LElbowRoll" in ModelSet.load(out).models
+    written = ModelSet.load(out)
+    assert set(written.models) == {"LElbowRoll", "RElbowRoll", "HeadPitch"}
+    assert written.created_by.endswith("--no-mirror --share-types")
+
+
+def test_one_bad_joint_is_blind_and_does_not_cost_the_others(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    elbows: Path,
+) -> None:
+    monkeypatch.setattr(identify_module, "perform", None)  # nothing is driven
+    out, right = tmp_path / "models.json", ROBOT.joint_index("RElbowRoll")
+    for path in elbows.glob("RElbowRoll-*.npz"):
+        run_ = Recording.load(path, ROBOT)
+        position = run_.position.copy()
+        position[:, right] -= 0.5
+        replace(run_, position=position).save(path)
+    options = ["--fit-only", "--recordings", str(elbows), "--out", str(out), "--workers", "1"]
+    assert run(["identify", *options]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "RElbowRoll is blind: it has no model. RElbowRoll: it falls behind" in line
+    assert run(["identify", *options, "--accept-blind"]) == 0
+    assert "warning: RElbowRoll: is blind: it has no model" in capsys.readouterr().out
+    assert set(ModelSet.load(out).models) == {"LElbowRoll", "HeadPitch"}
 
 
 @pytest.mark.parametrize(
@@ -228,6 +256,35 @@ def test_the_operator_is_asked_before_legs_and_base_move(
     assert set(ModelSet.load(tmp_path / "m.json").models) == {"HeadPitch", "KneePitch"}
 
 
+@pytest.mark.parametrize("command", [["identify"], ["first-hour", "--label", "head"]])
+def test_a_weight_needs_a_person_at_a_real_robot(
+    command: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("pepper_driver.cli.identify.make_backend", lambda uri: SlowRobot())
+    options = ["--backend", "fake://robot", "--weight", "0.5", "--yes"]
+    assert run([*command, "--out", str(tmp_path / "x"), *options]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "leave '--yes' or '--weight' out" in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_simulated_robot_holds_its_weight_without_a_person(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[str] = []
+
+    def record(*_: object, **arguments: object) -> None:
+        begun.append(str(arguments["weight"]))
+        raise PepperError("here")
+
+    monkeypatch.setattr("pepper_driver.cli.identify.record_joints", record)
+    assert run(["identify", "--out", str(tmp_path / "x.json"), "--weight", "0.5", "--yes"]) == 2
+    assert len(begun) == 1
+
+
 def test_a_real_robot_is_closed_when_a_run_is_interrupted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -256,6 +313,12 @@ def test_all_runs_are_tried_dry_before_a_real_robot_moves(
     assert run(["identify", *options, *short_files(tmp_path), "--yes"]) == 2
     assert "calibration-4 would fail" in capsys.readouterr().err
     assert len(made) == 1, "only asked who it is"
+
+
+def test_legs_move_whatever_a_person_is_asked_for() -> None:
+    knee, head = (plan_runs(ROBOT, [name], SHORT)[0] for name in ("KneePitch", "HeadPitch"))
+    for run_, moves in ((knee, True), (head, False)):
+        assert (run_.moves_legs, run_.after_weight().moves_legs) == (moves, moves)
 
 
 def test_a_dry_run_passes_what_is_safe() -> None:

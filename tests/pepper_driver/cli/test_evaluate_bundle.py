@@ -51,10 +51,9 @@ def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
     identity = Pepper("mujoco", observer=None).backend.info.identity
     models = ModelSet.load(shipped("fusion")["nominal"])
     replace(models, identity=identity).save(folder / PLACES["models"])
-    save_state(
-        folder / STATE,
-        replace(finished_hour(), identity=identity, simulated=True, prompts=PROMPTS),
-    )
+    hour = replace(finished_hour(), identity=identity, simulated=True, prompts=PROMPTS)
+    hour = hour.done("free", {"false_contacts": 3}).reopened("free").begun("free").begun("free")
+    save_state(folder / STATE, hour.done("free", {"false_contacts": 1}).done("pack", {}))
     for part in ("rest", "free"):
         with Pepper("mujoco", observer=None, log=folder / PLACES[part]) as pepper:
             if part == "free":  # someone touches it although nobody should
@@ -108,6 +107,7 @@ def test_from_an_archive_to_the_page_beside_the_last_look(
     (one,) = content["bundles"]
     assert (one["simulated"], one["touches"], one["asked"]) == (True, 2, 3)
     assert one["pressed"] == {"free": {"Head/Touch/Front": 1}}
+    assert one["attempts"] == {"free": 3}
     assert {observer["name"] for observer in content["observers"]} == {"fusion", "error"}
     fusion = content["observers"][0]
     # Its own models detect the push of 20 N; one of 1.5 N is hidden by friction.
@@ -126,6 +126,10 @@ def test_from_an_archive_to_the_page_beside_the_last_look(
     assert "hour.zip: a SIMULATED robot, a rehearsal" in text
     assert "2 labelled touches of 3 asked for, marked by `head`" in text
     assert "There is no ground truth" in text
+    assert (
+        "the log `free` that is judged is attempt 3; 1 before ended early, 1 before made again (false contacts: 3)."
+        in text
+    )
     assert "Head/Touch/Front was pressed 1 times: someone may have touched" in text
     assert "## Beside simulated robots" in text
     assert "look 3 (draws 100)" in text

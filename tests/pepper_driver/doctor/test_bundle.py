@@ -15,11 +15,19 @@ from pepper_driver.backends import BackendError, BackendInfo
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.cli.app import run
 from pepper_driver.doctor import MotionTest, examine
-from pepper_driver.doctor.bundle import MIN_NAME, Scrubber, write_bundle
+from pepper_driver.doctor import bundle as bundle_module
+from pepper_driver.doctor.bundle import (
+    MIN_NAME,
+    Scrubber,
+    kind_of_interface,
+    way_to,
+    write_bundle,
+)
 from support.doctor import ROBOT, Patient, use
 from support.examples import examples
 
 SERIAL = "AP990438A03Y12300042"
+VERSION = "2.5.10.7"
 URI = "naoqis://anna@pepper-7.lab.example:9503?wake=1"
 
 
@@ -28,7 +36,13 @@ class Owned(Patient):
 
     @property
     def info(self) -> BackendInfo:
-        return replace(super().info, identity=SERIAL, name="pepper-7.lab.example")
+        return replace(
+            super().info,
+            identity=SERIAL,
+            name="pepper-7.lab.example",
+            robot_type="Juliette",
+            system_version=VERSION,
+        )
 
 
 def content(path: Path) -> dict[str, bytes]:
@@ -64,13 +78,14 @@ def test_all_that_was_seen_is_in_the_archive(tmp_path: Path) -> None:
 def test_nothing_in_it_says_whose_robot_it_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(bundle_module, "way_to", lambda host: "wireless")
     monkeypatch.setattr("platform.node", lambda: "annas-laptop.lab.example")
     monkeypatch.setattr("getpass.getuser", lambda: "anna.smith")
     use(monkeypatch, Owned())
     seen = examine(URI)
     told = replace(
         seen.results[0],
-        found=f"{SERIAL} at pepper-7.lab.example (10.0.12.7, fe80::1ff:fe23:4567:890a) refuses anna, "
+        found=f"{SERIAL} (NAOqi {VERSION}) at pepper-7.lab.example (10.0.12.7, fe80::1ff:fe23:4567:890a) refuses anna, "
         f"from annas-laptop, {Path.home()}/models.json",
     )
     path = tmp_path / "report.zip"
@@ -88,8 +103,31 @@ def test_nothing_in_it_says_whose_robot_it_is(
     ):
         assert secret.lower() not in text, secret
     report = json.loads(content(path)["report.json"])
-    assert "<robot>" in report["results"][0]["found"]
+    assert f"(NAOqi {VERSION}) at <robot> (<address>, <address>)" in report["results"][0]["found"]
     assert report["robot"]["scheme"] == "naoqis"
+    assert report["robot"]["type"] == "Juliette"
+    assert report["robot"]["system_version"] == VERSION
+    assert report["network"]["way"] == "wireless"
+    assert report["network"]["age_max"] == 0.0
+    assert report["network"]["without_sample"] == 0.0
+
+
+def test_the_way_to_a_robot_is_known_where_the_system_says_it(tmp_path: Path) -> None:
+    assert way_to("127.0.0.1") == "same computer"
+    assert way_to("no..name") == "unknown"
+    for name, part, kind in (("wlan0", "wireless", "wireless"), ("eth0", "device", "wired")):
+        (tmp_path / name / part).mkdir(parents=True)
+        assert kind_of_interface(tmp_path / name) == kind
+    (tmp_path / "tun0").mkdir()
+    assert kind_of_interface(tmp_path / "tun0") == "unknown"
+
+
+def test_a_simulated_robot_has_no_way_and_no_version_of_its_own(tmp_path: Path) -> None:
+    path = tmp_path / "report.zip"
+    write_bundle(path, "mock", examine("mock"), MotionTest(results=(), fits=()))
+    report = json.loads(content(path)["report.json"])
+    assert (report["robot"]["type"], report["robot"]["system_version"]) == (None, None)
+    assert report["network"]["way"] is None
 
 
 NAME = st.text(st.characters(categories=["L", "Nd"], max_codepoint=0x24F), min_size=MIN_NAME)

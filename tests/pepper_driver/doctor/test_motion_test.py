@@ -260,6 +260,26 @@ def test_only_joints_of_arms_and_head_are_told_to_move(monkeypatch: pytest.Monke
     assert patient.calls[-1] == "close"
 
 
+@pytest.mark.usefixtures("brief")
+def test_the_bar_is_full_when_the_robot_stands_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    patient = Patient()
+    use(monkeypatch, patient)
+    shares: list[float] = []
+    times: list[float] = []
+
+    def note(share: float) -> None:
+        shares.append(share)
+        times.append(len(patient.commands) * ROBOT.cycle)
+
+    try_motion(make_pepper("mock", NOMINAL, ROBOT), NOMINAL, on_progress=note)
+    assert shares[-1] == 1.0
+    # A bar that runs as time does: 1 s of the motion is as much at its begin as at its end.
+    passed, shown = (
+        (np.array(values) - values[0]) / (values[-1] - values[0]) for values in (times, shares)
+    )
+    assert np.abs(passed - shown).max() < 0.05
+
+
 @pytest.mark.parametrize(
     ("sickness", "tick", "word"),
     [(pressed("buttons"), 500, "chest"), (heated("HeadYaw", 90.0), None, "not ready to move")],

@@ -15,6 +15,7 @@ from pepper_driver.backends import Backend
 from pepper_driver.cli.app import run
 from pepper_driver.config import ConfigError, PepperError, RobotConfig
 from pepper_driver.config.file_lock import InUseError, lock_folder
+from pepper_driver.config.files import set_aside
 from pepper_driver.config.first_hour import load_first_hour
 from pepper_driver.first_hour.hour import run_hour
 from pepper_driver.first_hour.operator import OperatorLeftError, TerminalOperator
@@ -29,7 +30,7 @@ from pepper_driver.first_hour.state import (
     load_state,
     save_state,
 )
-from pepper_driver.first_hour.steps import check_readiness, set_aside
+from pepper_driver.first_hour.steps import check_readiness
 from pepper_driver.identification.measurements.program import held_weight
 from pepper_driver.testing.faults import drained, heated
 from support.doctor import Patient
@@ -47,7 +48,7 @@ def plan() -> HourPlan:
 
 
 class Robot:
-    """Steps without a robot: each writes a file of its own attempt, and may end early at three places.
+    """Steps without a robot: each writes a file of its own attempt, and may end early at four places.
 
     Args:
         folder: Of the hour.
@@ -56,19 +57,23 @@ class Robot:
 
     def __init__(self, folder: Path, ends: list[str]) -> None:
         self._folder, self._ends = folder, ends
-        self._now = "done"
+        self._now, self._answered = "done", False
         self.written: list[str] = []
         self.made: list[StepName] = []
         self.lines: list[str] = []
 
-    def check(self, step: PlannedStep) -> None:
+    def introduce(self, step: PlannedStep) -> None:
         self._now = self._ends.pop(0) if self._ends else "done"
-        if self._now == "check":
+        self._answered = False
+
+    def check(self) -> None:
+        if self._now == ("unfit later" if self._answered else "unfit"):
             raise FirstHourError("battery: 15%")
 
     def confirm(self, question: str) -> None:
         if self._now == "leaves":
             raise OperatorLeftError("no answer for 600 s")
+        self._answered = True
 
     def offer(self, question: str) -> bool:
         return False
@@ -92,22 +97,27 @@ class Robot:
 
         return act
 
-    def run(self, plan: HourPlan, asked: FirstHour | None = None) -> FirstHour:
+    def run(
+        self, plan: HourPlan, asked: FirstHour | None = None, *, again: StepName | None = None
+    ) -> FirstHour:
         return run_hour(
             self._folder,
             asked or open_hour(),
             plan,
             self.actions(),
             self,
+            introduce=self.introduce,
             check=self.check,
             show=self.lines.append,
+            again=again,
         )
 
 
 @examples(60)
 @given(
     ends=st.lists(
-        st.sampled_from(["check", "leaves", "stopped", "interrupted", "done"]), max_size=12
+        st.sampled_from(["unfit", "leaves", "unfit later", "stopped", "interrupted", "done"]),
+        max_size=12,
     )
 )
 def test_whatever_ends_it_early_the_same_command_comes_to_the_same_end(
@@ -129,6 +139,7 @@ def test_whatever_ends_it_early_the_same_command_comes_to_the_same_end(
             after = load_state(folder / STATE)
             assert [s.name for s in after.steps if s.progress == "done"][: len(done)] == done
     assert robot.made == list(STEPS)  # each step once
+    assert sum(1 + len(step.earlier) for step in hour.steps) == len(robot.written)
     assert hour == load_state(folder / STATE)
     assert hour.next_step is None
     # Every attempt is there, under one name or another, and the last one under its own.
@@ -146,6 +157,61 @@ def test_codes_say_whether_it_had_begun(plan: HourPlan, tmp_path: Path) -> None:
         Robot(tmp_path, ["done", "leaves"]).run(plan)
     assert raised.value.while_active
     assert load_state(tmp_path / STATE).next_step == "measure"
+
+
+@pytest.mark.parametrize(
+    ("again", "made"),
+    [
+        ("free", ["free", "pack"]),
+        ("doctor", ["doctor", "pack"]),
+        ("identify", ["identify", "rest", "free", "touches", "pack"]),
+    ],
+)
+def test_a_step_is_made_again_with_those_that_build_on_it(
+    plan: HourPlan, tmp_path: Path, again: StepName, made: list[StepName]
+) -> None:
+    first = Robot(tmp_path, ["done", "done", "done", "stopped"])
+    with pytest.raises(PepperError, match="button"):
+        first.run(plan)
+    before = first.run(plan)
+    assert [len(step.earlier) for step in before.steps] == [0, 0, 0, 1, 0, 0, 0]
+    robot = Robot(tmp_path, ["leaves"])
+    with pytest.raises(OperatorLeftError):
+        robot.run(plan, again=again)
+    assert load_state(tmp_path / STATE) == before, "nothing is given up before something begins"
+    assert "the same command goes on" in robot.lines[-1]
+    robot = Robot(tmp_path, ["stopped"])
+    with pytest.raises(PepperError, match="button"):
+        robot.run(plan, again=again)
+    assert "the same command without --again goes on" in robot.lines[-1]
+    hour = robot.run(plan, again=again)  # the step is not done: it goes on
+    assert robot.made == made
+    assert hour.next_step is None
+    for old, new in zip(before.steps, hour.steps, strict=True):
+        if new.name == again:
+            assert new.earlier == (*old.earlier, old.figures, {})
+        elif new.name in made:
+            assert new.earlier == (*old.earlier, old.figures)
+        else:
+            assert new == old
+    files = {path.read_text() for path in tmp_path.iterdir() if ".mcap" in path.name}
+    assert files == {*first.written, *robot.written}
+
+
+def test_where_nothing_was_done_nothing_is_made_again(plan: HourPlan, tmp_path: Path) -> None:
+    with pytest.raises(FirstHourError, match="no hour of which a step could be made again"):
+        Robot(tmp_path, []).run(plan, again="free")
+    assert not (tmp_path / STATE).exists()
+
+
+def test_a_robot_that_is_unfit_by_the_time_of_the_answer_does_not_move(
+    plan: HourPlan, tmp_path: Path
+) -> None:
+    robot = Robot(tmp_path, ["unfit later"])
+    with pytest.raises(FirstHourError, match="battery"):
+        robot.run(plan)
+    assert not robot.written
+    assert load_state(tmp_path / STATE).step("doctor").progress == "open"
 
 
 def test_another_robot_and_a_second_command_are_refused(plan: HourPlan, tmp_path: Path) -> None:
@@ -178,6 +244,33 @@ def test_the_hour_is_an_hour_and_the_page_says_so(plan: HourPlan) -> None:
     assert (int(found[1]), int(found[2])) == sums
     assert sums[0] <= 60
     assert sums[1] <= 15
+
+
+def test_the_page_says_how_long_touches_with_a_spring_scale_take() -> None:
+    plan = plan_hour(ROBOT, load_first_hour(), label="key", prompts="scale")
+    found = re.search(
+        r"`--prompts scale` the touches take (\d+) min of the robot and (\d+) min of your hands",
+        PAGE.read_text(),
+    )
+    assert found is not None
+    step = plan.step("touches")
+    assert tuple(map(int, found.groups())) == (ceil(step.robot / 60.0), ceil(step.hands / 60.0))
+
+
+def test_the_page_has_the_words_of_the_command(plan: HourPlan) -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    titles = re.findall(r"^\| \d \| `(\w+)` \| (.*?) \|", text, re.MULTILINE)
+    assert dict(titles) == {step.name: step.title for step in plan.steps}
+    rows = re.findall(r"^\| `(\w+)` \| (.*?) \| (.*?) \| (.*?) \| .* \|$", text, re.MULTILINE)
+    printed, before = {}, ""
+    for name, do, stop, normal in rows:
+        before = before if stop == "the same" else stop
+        printed[name] = (do, before, normal)
+    assert printed == {step.name: (step.do, step.stop, step.normal) for step in plan.steps}
+
+
+def test_the_weight_is_taken_out_before_models_are_identified(plan: HourPlan) -> None:
+    assert "take the weight out of the hand" in plan.step("identify").do
 
 
 def test_nothing_in_the_plan_moves_legs_or_base(plan: HourPlan) -> None:

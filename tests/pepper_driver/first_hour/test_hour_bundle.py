@@ -67,7 +67,12 @@ def test_a_folder_and_an_archive_have_the_same_parts(
 def test_a_missing_part_is_named_unless_it_is_not_asked_for(hour: Path, part: Part) -> None:
     place = hour / PLACES[part]
     shutil.rmtree(place) if place.is_dir() else place.unlink()
-    with pytest.raises(BundleError, match=f"{PLACES[part]} is missing"), open_bundle(hour):
+    step = "identify" if part in ("models", "identification") else part
+    remedy = f"'--again {step}' makes it again"
+    with (
+        pytest.raises(BundleError, match=f"{PLACES[part]} is missing; .*{remedy}"),
+        open_bundle(hour),
+    ):
         pass
     others: list[Part] = [other for other in PLACES if other != part]
     with open_bundle(hour, parts=others) as bundle:
@@ -169,6 +174,21 @@ def test_an_archive_writes_only_what_belongs_to_an_hour(whole: Path, tmp_path: P
         assert not (bundle.models.parent.parent / "evil.json").exists()
 
 
+@pytest.mark.parametrize("part", PLACES)
+def test_of_an_archive_only_what_was_asked_for_is_unpacked(
+    whole: Path, tmp_path: Path, part: Part
+) -> None:
+    path = zip_of(whole, tmp_path / "sent.zip")
+    with open_bundle(path, parts=[part]) as bundle:
+        folder = bundle.models.parent
+        there = {p.relative_to(folder) for p in folder.rglob("*") if p.is_file()}
+        assert there == {
+            p.relative_to(whole)
+            for p in whole.rglob("*")
+            if p.is_file() and p.relative_to(whole).parts[0] in (STATE, PLACES[part])
+        }
+
+
 @examples(60)
 @given(data=st.data())
 def test_a_damaged_archive_ends_in_one_line_or_reads(
@@ -216,5 +236,8 @@ def test_steps_come_in_their_order(tmp_path: Path) -> None:
         assert load_state(tmp_path / STATE) == hour
     assert hour.next_step is None
     again = hour.reopened("rest")
-    assert again.next_step == "rest"
-    assert again.step("identify") == hour.step("identify")
+    save_state(tmp_path / STATE, again)
+    assert load_state(tmp_path / STATE) == again
+    assert [step.name for step in again.steps if step.progress == "open"] == ["rest", "pack"]
+    packed = hour.reopened("pack")
+    assert [step.name for step in packed.steps if step.progress == "open"] == ["pack"]

@@ -4,6 +4,7 @@ import json
 import zipfile
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,20 +12,28 @@ import yaml
 
 from pepper_driver.backends import BackendInfo
 from pepper_driver.cli.app import run
-from pepper_driver.config.files import write_json
+from pepper_driver.cli.console import make_console
+from pepper_driver.cli.first_hour import ConsoleDisplay
+from pepper_driver.config import PepperError
+from pepper_driver.config.files import set_aside, write_json
 from pepper_driver.config.first_hour import load_first_hour
 from pepper_driver.config.loading import package_file, read_yaml
 from pepper_driver.doctor import Verdict, examine, try_motion
 from pepper_driver.doctor.motion_test import make_pepper
+from pepper_driver.first_hour import steps as steps_module
 from pepper_driver.first_hour.bundle import ARCHIVE, open_bundle
+from pepper_driver.first_hour.operator import Operator
 from pepper_driver.first_hour.pack import pack_bundle
-from pepper_driver.first_hour.plan import HourPlan, plan_hour
+from pepper_driver.first_hour.plan import HourPlan, plan_hour, standing
 from pepper_driver.first_hour.state import STATE, load_state, save_state
-from pepper_driver.first_hour.steps import set_aside
+from pepper_driver.first_hour.steps import RobotSteps
 from pepper_driver.identification import fit_folder, load_recordings
+from pepper_driver.identification.identify import OnTouch, Repeat
 from pepper_driver.log import LogWriter, read_log
 from pepper_driver.log.topics import LogEvent
-from pepper_driver.observer.models.model_file import ModelSet
+from pepper_driver.loop import Labelling
+from pepper_driver.observer.models.model_file import ModelSet, shipped
+from pepper_driver.robot import Pepper
 from support.first_hour import INFO, ROBOT, finished_hour, make_hour
 
 SERIAL = "AP990438A03Y12300042"
@@ -68,7 +77,7 @@ def test_with_models_the_robot_stands_moves_asks_and_all_is_packed(
     hour = make_hour(folder)
     planned = hour_plan(plan)
     asked = replace(hour, plan=planned.hash(), prompts=planned.prompts)
-    save_state(folder / STATE, asked.reopened("rest"))
+    save_state(folder / STATE, asked.reopened("rest").reopened("free").reopened("touches"))
     earlier = (folder / "free.mcap").read_bytes()
     arguments = ["first-hour", "--backend", "mock", "--out", str(folder), "--plan", str(plan)]
     assert run([*arguments, "--label", "head", "--yes"]) == 0
@@ -97,6 +106,14 @@ def test_with_models_the_robot_stands_moves_asks_and_all_is_packed(
     assert run([*arguments, "--label", "head", "--yes"]) == 0
     assert "Begin step" not in capsys.readouterr().out
     assert (folder / ARCHIVE).read_bytes() == before
+    # But where it is asked for again.
+    free = (folder / "free.mcap").read_bytes()
+    assert run([*arguments, "--label", "head", "--yes", "--again", "free"]) == 0
+    assert capsys.readouterr().out.count("Begin step") == 1
+    assert (folder / "free.mcap.early-2").read_bytes() == free
+    with open_bundle(folder / ARCHIVE) as bundle:
+        earlier = bundle.state.step("free").earlier
+        assert [figures.get("false_contacts") for figures in earlier] == [None, 0]
 
 
 @pytest.mark.parametrize("identity", [SERIAL, f"{SERIAL}/angles"])
@@ -171,6 +188,74 @@ def test_a_robot_without_models_is_moved_and_its_motion_is_judged() -> None:
         "sensors",
         "joints follow",
     ]
+
+
+def test_a_touch_while_no_one_may_touch_is_shown_with_the_way_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Touched(Pepper):
+        def start_log(self, path: Path | str, label: Labelling | None = None) -> LogWriter:
+            self.push("LForeArm", [0.0, 25.0, 0.0], duration=0.6, delay=3.5)
+            return super().start_log(path, label)
+
+    monkeypatch.setattr(steps_module, "Pepper", Touched)
+    identity = Pepper("mujoco", observer=None).backend.info.identity
+    nominal = ModelSet.load(shipped("fusion")["nominal"])
+    replace(nominal, identity=identity).save(tmp_path / "models.json")
+    steps = steps_on("mujoco", tmp_path, hour_plan(tiny_plan(tmp_path)))
+    figures = steps.watch("rest", standing(2.0))
+    assert figures["false_contacts"]
+    shown = capsys.readouterr().out
+    assert "false contact at" in shown
+    assert "the same command with '--again rest' makes this step again" in shown
+
+
+class Willing:
+    """An operator who says yes to all that is asked."""
+
+    def __init__(self) -> None:
+        self.questions: list[str] = []
+
+    def confirm(self, question: str) -> None:
+        self.questions.append(question)
+
+    def offer(self, question: str) -> bool:
+        self.questions.append(question)
+        return True
+
+
+def steps_on(
+    uri: str, folder: Path, plan: HourPlan, operator: Operator | None = None
+) -> RobotSteps:
+    return RobotSteps(
+        uri=uri,
+        info=INFO,
+        robot=ROBOT,
+        plan=plan,
+        folder=folder,
+        archive=folder / ARCHIVE,
+        operator=operator or Willing(),
+        display=ConsoleDisplay(make_console()),
+    )
+
+
+def test_a_touch_in_a_run_is_shown_at_once_and_the_run_is_offered_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan, operator = hour_plan(tiny_plan(tmp_path)), Willing()
+    sensor = "LHand/Touch/Back"
+
+    def touched(*_: Any, on_touch: OnTouch, repeat: Repeat, **__: Any) -> None:
+        run = plan.runs["measure"][0]
+        on_touch(run, sensor)
+        assert repeat(run, (sensor,))
+        raise PepperError("that is enough")
+
+    monkeypatch.setattr(steps_module, "record_joints", touched)
+    with pytest.raises(PepperError, match="enough"):
+        steps_on("mock", tmp_path, plan, operator).measure()
+    assert f"{sensor} is pressed in run measure_response-1" in capsys.readouterr().out
+    assert operator.questions == [f"{sensor} pressed in run measure_response-1. Record it again?"]
 
 
 def test_earlier_attempts_keep_their_files(tmp_path: Path) -> None:

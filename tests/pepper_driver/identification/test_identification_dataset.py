@@ -1,6 +1,7 @@
 """Recordings are kept run by run; an interruption costs the run under way, and nothing else is taken for them."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from pepper_driver.identification import identify as identify_module
 from pepper_driver.identification.dataset import open_folder
 from pepper_driver.identification.runs import IdentificationRun, perform
 from pepper_driver.observer import Recording, RecordingError
+from pepper_driver.testing.faults import pressed
 from support.identification import ROBOT, SHORT, SlowRobot, short_body, use_backends
 from support.once import made_once
 
@@ -107,6 +109,21 @@ def test_a_deleted_run_is_made_again(whole: Path, tmp_path: Path) -> None:
     assert contents(folder) == contents(whole)
 
 
+def test_a_damaged_run_is_set_aside_and_made_again(
+    whole: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = copied(whole, tmp_path / "copy")
+    path = folder / f"{JOINT}-2.npz"
+    damaged = path.read_bytes()[:-2000]
+    path.write_bytes(damaged)
+    record_joints("mujoco", [JOINT], SHORT, folder, calibration=short_body(), workers=1)
+    kept = folder / f"{path.name}.early-1"
+    assert contents(folder) == {**contents(whole), kept.name: damaged}
+    (line,) = caplog.messages
+    assert line.startswith(f"{path}: damaged")
+    assert line.endswith(f"it is kept as {kept}, and the run is made again")
+
+
 SLOWER = SHORT.with_goals(sweeps=2)
 
 
@@ -154,6 +171,44 @@ def test_a_real_robot_is_known_by_its_body_not_by_its_address(
     monkeypatch.setattr(SlowRobot, "identity", "body 2")
     with pytest.raises(RecordingFolderError, match="of the robot body 1, not body 2"):
         record_joints("fake://pepper.local", ["HeadYaw"], SHORT, tmp_path, workers=1)
+
+
+class TouchedRobot(SlowRobot):
+    """A real robot with a jammed sensor; a person touches another one in the middle of a run, twice."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        jammed, both = pressed("touch", 2), pressed("touch", 2, 4)
+        self.faults = dict.fromkeys(range(10_000), jammed)
+        self.faults |= dict.fromkeys((*range(300, 320), *range(340, 350)), both)
+
+
+@pytest.mark.parametrize("again", [True, False])
+def test_a_touch_is_reported_at_once_and_the_run_is_offered_again(
+    again: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = use_backends(monkeypatch, SlowRobot, TouchedRobot, SlowRobot)
+    sensor = list(ROBOT.sensors.touch)[4]
+    told: list[tuple[str, str, bool]] = []
+    offered: list[tuple[str, tuple[str, ...]]] = []
+    path = tmp_path / "HeadYaw-1.npz"
+
+    def on_touch(run: IdentificationRun, name: str) -> None:
+        told.append((run.name, name, path.exists()))
+
+    def repeat(run: IdentificationRun, sensors: Sequence[str]) -> bool:
+        offered.append((run.name, tuple(sensors)))
+        assert path.exists(), "it is kept"
+        return again
+
+    record_joints(
+        "fake://robot", ["HeadYaw"], SHORT, tmp_path, workers=1, on_touch=on_touch, repeat=repeat
+    )
+    assert told == 2 * [("HeadYaw-1", sensor, False)]
+    assert offered == [("HeadYaw-1", (sensor,))]
+    assert len(list(tmp_path.glob("HeadYaw-*.npz"))) == 3
+    assert (tmp_path / f"{path.name}.early-1").exists() is again
+    assert len(made) == 1 + 3 + again
 
 
 def test_runs_are_not_paired_by_two_delays(whole: Path) -> None:

@@ -22,8 +22,18 @@ from pepper_driver.identification import (
     record_joints,
     sweeps_of,
 )
+from pepper_driver.identification.dataset import JointDataset
+from pepper_driver.identification.fit import mean_fit, predictor, shared_fits
 from pepper_driver.identification.runs import IdentificationRun, perform
-from pepper_driver.observer import FittingError, Recording, nrmse_fit, predict_recording
+from pepper_driver.observer import (
+    FitScore,
+    FittingError,
+    FusionModel,
+    Recording,
+    nrmse_fit,
+    predict_recording,
+)
+from support.fusion import STICK_SLIP, drive, followed, fusion_model, recording_of, swing
 from support.identification import (
     BODY,
     FULL,
@@ -245,6 +255,31 @@ def test_a_shared_model_is_that_of_the_first_joint_and_its_cost_is_told(folder: 
     assert right.loss == own.fits["RElbowRoll"].test - right.shared
     assert result.shared[1].loss is not None
     assert "--share-types" in result.models.created_by
+
+
+@pytest.mark.parametrize("halves", [False, True])
+def test_own_and_shared_models_know_the_same_limit_of_the_target(
+    halves: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both have the constants of the joint itself: sharing costs nothing."""
+    motion, limit = swing(16.0), 0.4
+    slower = replace(motion, position=followed(motion.position, limit))
+    run = recording_of(motion, drive(slower))
+    shared = fusion_model(replace(STICK_SLIP, target_speed=limit))
+    entry = JointDataset(joint="LElbowRoll", estimation=() if halves else (run,), test=run)
+    source = replace(entry, joint="HeadPitch", estimation=(run,))
+    recordings = IdentificationDataset(sweeps=(source, entry), calibration=())
+
+    def fit(*_: object, target_speed: float) -> FusionModel:
+        return fusion_model(replace(STICK_SLIP, target_speed=target_speed))
+
+    monkeypatch.setattr("pepper_driver.identification.fit.fit_joint_fusion", fit)
+    test = mean_fit(entry, (run,), predictor(shared, "LElbowRoll"))
+    fits = {"LElbowRoll": FitScore(estimation=test, test=test)}
+    (one,) = shared_fits("fusion", recordings, ROBOT, fits, {"LElbowRoll": limit})
+    assert test > 90.0
+    # A half begins without the memory of the first one.
+    assert one.loss == pytest.approx(0.0, abs=3.0 if halves else 1e-9)
 
 
 def test_a_joint_without_estimation_runs_needs_one_that_shares(

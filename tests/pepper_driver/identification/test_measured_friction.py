@@ -16,6 +16,7 @@ from pepper_driver.identification.measurements.friction import (
 )
 from pepper_driver.identification.measurements.held_weight import falling_weight
 from pepper_driver.observer import Recording, RecordingBuilder
+from pepper_driver.observer.models.measured_robot import MeasuredJoint
 from pepper_driver.robot import Pepper
 from support.fusion import STICK_SLIP, drive, recording_of, standing, swing
 from support.identification import ROBOT
@@ -167,8 +168,17 @@ def test_a_weight_that_falls_or_comes_late_is_noticed() -> None:
     middle = len(loaded) // 2
 
     def judged(current: FloatArray) -> str | None:
-        runs = {"measure_friction": empty, "measure_weight": replace(loaded, current=current)}
-        return falling_weight(runs, weight, ROBOT)
+        run, joints = replace(loaded, current=current), {}
+        for joint in ("LShoulderPitch", "LShoulderRoll", "LElbowYaw", "LElbowRoll"):
+            own = measure_friction([empty], joint, ROBOT)
+            assert own is not None
+            joints[joint] = MeasuredJoint(
+                encoder_noise=0.0,
+                current_noise=0.0,
+                load_scale=own.load_scale,
+                torque_scale=measure_torque_scale([empty], [run], joint, weight, ROBOT),
+            )
+        return falling_weight(joints, run, weight, ROBOT)
 
     assert judged(loaded.current) is None
     # Both runs are the same motion: from the fall on, the currents are those of an empty hand.

@@ -1,14 +1,18 @@
 """A robot is measured before its models are identified; the facts stay with the models."""
 
+import shutil
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pepper_driver.backends.selection import with_delay
-from pepper_driver.cli.identify import by_hand_only
 from pepper_driver.config import ConfigError, load_plant
 from pepper_driver.identification import (
+    Confirm,
+    DryRunError,
     RecordingFolderError,
     fit_folder,
     read_manifest,
@@ -24,10 +28,15 @@ from pepper_driver.identification.measurements.program import (
     measure_robot,
     measured_joints,
 )
-from pepper_driver.identification.measurements.response import ResponseError
+from pepper_driver.identification.measurements.response import (
+    MeasuredResponse,
+    ResponseError,
+    measure_response,
+)
 from pepper_driver.identification.runs import IdentificationRun, plan_measurements
 from pepper_driver.observer import ModelFileError, ModelSet, Recording
-from support.identification import ROBOT, SHORT
+from support.evaluation import recording as still
+from support.identification import ROBOT, SHORT, SlowRobot, use_backends
 from support.once import made_once
 
 PLANT = "recorded"
@@ -73,7 +82,9 @@ def test_the_facts_are_those_of_the_plant_and_stay_with_the_models(
         assert one.speed == pytest.approx(plant.targets.speed_limit, rel=0.1)
         assert one.speed_limited
         # Less than a count: most rests show nothing.
+        assert one.encoder_noise is not None
         assert one.encoder_noise < ROBOT.sensors.encoder.step
+        assert one.current_noise is not None
         assert 0.3 * plant.transport.current_noise < one.current_noise < 0.03
     assert found.joints["HeadYaw"].speed is None
     assert found.weight == 0.5
@@ -85,13 +96,27 @@ def test_the_facts_are_those_of_the_plant_and_stay_with_the_models(
     assert ModelSet.load(tmp_path / "models.json") == models
 
 
-def test_a_weight_that_was_not_held_is_a_warning(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_weight_that_was_not_held_is_a_warning_and_does_not_count(
+    folder: Path, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(identify_module, "falling_weight", lambda *_: "it fell")
-    first, *_ = fit_folder(folder, "affine", compare=False, workers=1).findings
+    other = Path(shutil.copytree(folder, tmp_path / "other"))
+    empty = Recording.load(recording_path(folder, "measure_friction-1"), ROBOT)
+    held = Recording.load(recording_path(folder, "measure_weight-1"), ROBOT)
+    # The same motion with an empty hand.
+    same = np.minimum(np.arange(len(held)), len(empty) - 1)
+    never = replace(held, current=empty.current[same])
+    never.save(recording_path(other, "measure_weight-1"))
+    found = fit_folder(other, "affine", compare=False, workers=1)
+    first, *_ = found.findings
     assert (first.kind, first.joint, first.run) == ("weight", None, "measure_weight-1")
-    assert first.text == "it fell"
+    assert "it was not in the hand" in first.text
+    measured = found.models.measured
+    assert measured is not None
+    assert measured.weight is None
+    assert measured.weight_doubt is not None
+    assert measured.weight_doubt in first.text
+    assert {one.torque_scale for one in measured.joints.values()} == {None}
+    assert measured.joints["RElbowRoll"].load_scale is not None
 
 
 def test_the_command_that_made_models_measures_the_same(folder: Path) -> None:
@@ -116,11 +141,132 @@ def test_a_delay_that_was_reported_wrongly_is_found(folder: Path) -> None:
     }
     response = runs[RESPONSE]
     late = replace(response, current=response.current[[0] * 4 + [*range(len(response) - 4)]])
-    found = measure_robot({**runs, RESPONSE: late}, 6, ROBOT)
+    # One joint that never rests: its noise is not known.
+    sent, head = late.sent_position.copy(), ROBOT.joint_index("HeadYaw")
+    sent[:, head] = 0.01 * np.arange(len(late))
+    found = measure_robot({**runs, RESPONSE: replace(late, sent_position=sent)}, 6, ROBOT)
     assert (found.delay_error, found.response_delay) == (4, 10)
+    assert (found.joints["HeadYaw"].encoder_noise, found.joints["HeadYaw"].current_noise) == (
+        None,
+        None,
+    )
+    assert found.joints["HeadPitch"].encoder_noise is not None
     still = replace(response, current=0.0 * response.current)
     with pytest.raises(ResponseError):
         measure_robot({**runs, RESPONSE: still}, 6, ROBOT)
+
+
+@pytest.fixture
+def real(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """A robot in real time whose runs take no time; the names of those that were made."""
+    made: list[str] = []
+
+    def perform(uri: str, run: IdentificationRun, **_: object) -> Recording:
+        made.append(run.name)
+        return still(0.5)
+
+    use_backends(monkeypatch, SlowRobot)
+    monkeypatch.setattr(identify_module, "perform", perform)
+    response = MeasuredResponse(lead=0, steps=40, earliest=0.0, latest=0.0)
+    monkeypatch.setattr(identify_module, "measure_response", lambda *_: response)
+    return made
+
+
+def test_the_weight_is_taken_out_before_the_next_run_of_any_call(
+    real: list[str], tmp_path: Path
+) -> None:
+    asked: list[str] = []
+
+    def ask(run: IdentificationRun) -> None:
+        asked.append(f"{run.name}: {run.watched}")
+
+    def leave(run: IdentificationRun) -> None:
+        ask(run)
+        raise KeyboardInterrupt
+
+    def record(confirm: Confirm, *, measure_only: bool = False) -> list[str]:
+        asked.clear()
+        with suppress(KeyboardInterrupt):
+            record_joints(
+                "fake://robot",
+                ["LElbowRoll"],
+                SHORT,
+                tmp_path,
+                measure=True,
+                measure_only=measure_only,
+                weight=WEIGHT,
+                workers=1,
+                confirm=confirm,
+            )
+        return list(asked)
+
+    empty = "LElbowRoll-1: take the weight out of the hand now"
+    (_, hang) = record(ask, measure_only=True)
+    assert "hang it there now" in hang
+    assert real == [f"{name}-1" for name in (*MEASUREMENTS, "measure_weight")]
+    assert record(leave) == [empty]
+    assert record(ask) == [empty]
+    # In a call that makes both, and after a call that made the weight's run again.
+    for name in ("measure_weight-1", "LElbowRoll-2"):
+        recording_path(tmp_path, name).unlink()
+    asked_again = record(ask)
+    assert len(asked_again) == 2
+    assert asked_again[1] == empty.replace("-1", "-2")
+    recording_path(tmp_path, "measure_weight-1").unlink()
+    record(ask, measure_only=True)
+    recording_path(tmp_path, "measure_friction-1").unlink()
+    assert record(ask) == [empty.replace("LElbowRoll", "measure_friction")]
+
+
+def test_a_robot_without_currents_is_no_dead_end(
+    real: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(identify_module, "measure_response", measure_response)
+
+    def record(folder: Path, *, measure: bool) -> None:
+        record_joints("fake://robot", ["LElbowRoll"], SHORT, folder, measure=measure, workers=1)
+
+    with pytest.raises(ResponseError, match=r"'pepper identify --no-measure', with another folder"):
+        record(tmp_path / "one", measure=True)
+    with pytest.raises(RecordingFolderError):
+        record(tmp_path / "one", measure=False)
+    record(tmp_path / "other", measure=False)
+    assert real[-1] == "LElbowRoll-test"
+
+
+@pytest.mark.parametrize("measure_only", [False, True])
+def test_all_that_is_missing_is_dry_run_before_the_arms_move_fast(
+    measure_only: bool, real: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried: list[str] = []
+
+    def refuse_the_last(run: IdentificationRun) -> None:
+        tried.append(run.name)
+        if run.name == "LElbowRoll-test":
+            raise DryRunError(f"run {run.name} would fail")
+
+    monkeypatch.setattr(identify_module, "check_dry_run", refuse_the_last)
+
+    def record() -> None:
+        record_joints(
+            "fake://robot",
+            ["LElbowRoll"],
+            SHORT,
+            tmp_path,
+            measure=True,
+            measure_only=measure_only,
+            workers=1,
+        )
+
+    measurements = [f"{name}-1" for name in MEASUREMENTS]
+    if measure_only:
+        record()
+        assert tried == real == measurements
+        return
+    with pytest.raises(DryRunError, match="LElbowRoll-test would fail"):
+        record()
+    assert tried[:3] == measurements
+    assert real == []
 
 
 def test_only_the_fast_arms_are_asked_for() -> None:
@@ -128,16 +274,9 @@ def test_only_the_fast_arms_are_asked_for() -> None:
     weighed = plan_measurements(ROBOT, weight=WEIGHT)
     assert weighed[:3] == runs
     assert "0.5 kg in the right hand: hang it there now" in weighed[3].watched
-    # With --yes too: no person, no weight.
-    asked: list[IdentificationRun] = []
-    for run in weighed:
-        by_hand_only(asked.append)(run)
-    assert asked == [weighed[3]]
     slow, fast = runs[1].after_weight(), runs[2].after_weight()
     assert slow.watched == "take the weight out of the hand now"
     assert fast.watched == f"{slow.watched}; {runs[2].watched}"
-    assert slow.by_hand
-    assert fast.by_hand
     assert [bool(run.watched) for run in runs] == [False, False, True]
     assert not any(run.moves_legs for run in runs)
     speeds = dict(

@@ -36,7 +36,7 @@ def sensitivity(degrees: float, torque: float) -> JointSensitivity:
 
 def blind(joint: str, one: JointSensitivity, test_fit: float = 90.0, *findings: Finding) -> str:
     fit = FitScore(estimation=90.0, test=test_fit)
-    found = blind_joints({joint: fit}, {joint: one}, findings, ROBOT)
+    found = blind_joints({joint: fit}, {joint: one}, findings, ROBOT, {})
     assert all(f.kind == "blind" and f.joint == joint and f.run is None for f in found)
     return "; ".join(f.text for f in found)
 
@@ -116,6 +116,8 @@ def test_the_likeliest_cause_is_named_also_of_a_mirrored_joint() -> None:
         Finding(kind="contact", text="was touched", **place),
         Finding(kind="behind", text="falls behind", **place),
     ]
+    wander = Finding(kind="wander", joint="LElbowRoll", run=None, text="target wanders")
+    assert "cause: target" in blind("RElbowRoll", sensitivity(1.0, 1.0), 50.0, findings[0], wander)
     other = Finding(kind="current", joint="LShoulderRoll", run=None, text="clipped")
     assert "cause: falls behind" in blind("RElbowRoll", sensitivity(5.0, 5.0), 90.0, *findings)
     assert "cause: unknown" in blind("RElbowRoll", sensitivity(5.0, 5.0), 90.0, other)

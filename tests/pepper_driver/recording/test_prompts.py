@@ -102,6 +102,17 @@ def test_the_robot_asks_and_the_log_has_what_was_touched(tmp_path: Path) -> None
     assert pushes[1].force == 8.0
 
 
+def test_the_robot_stands_before_it_asks(tmp_path: Path) -> None:
+    path = tmp_path / "touches.mcap"
+    record_labelled("mock://?posture=StandZero", path, "head", prompts=PROMPTS)
+    log = read_log(path)
+    # All of the log, since the places of the labels go by its ticks.
+    np.testing.assert_allclose(
+        log["position"], np.broadcast_to(ROBOT.posture("Stand"), (len(log), 17)), atol=0.01
+    )
+    assert np.ptp(log["time"]) == pytest.approx(PROMPTS.seconds, abs=0.1)
+
+
 def test_prompts_have_their_own_motion_times_and_places(tmp_path: Path) -> None:
     with pytest.raises(LabelError, match="of their own"):
         record_labelled("mujoco", tmp_path / "x.mcap", "head", prompts=PROMPTS, seconds=3.0)
