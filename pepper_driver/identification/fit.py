@@ -32,7 +32,7 @@ from pepper_driver.observer import (
     nrmse_fit,
     predict_recording,
 )
-from pepper_driver.observer.detection.threshold import threshold_factor
+from pepper_driver.observer.detection.threshold import spread_threshold
 from pepper_driver.observer.fitting.samples import in_working_range
 
 
@@ -231,11 +231,14 @@ def _fit_fusion(
         fits[entry.joint] = FitScore(
             estimation=mean_fit(entry, runs, predict) if runs else test, test=test
         )
-    factor = threshold_factor(load_observer_settings().false_contacts)
+    false_contacts = load_observer_settings().false_contacts
     return FittedModels(
         models=dict(models),
         fits=fits,
-        thresholds={name: factor * max(model.spread) for name, model in models.items()},
+        thresholds={
+            name: spread_threshold(max(model.spread), model.twin.load_gain, false_contacts)
+            for name, model in models.items()
+        },
         base=base,
     )
 

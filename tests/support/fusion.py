@@ -94,12 +94,15 @@ def fusion_observer(
     *,
     adapt: bool = False,
     base: BaseModel | None = None,
-    parts: FusionParts = FusionParts(),
+    parts: FusionParts | None = None,
 ) -> ContactObserver:
     """An observer with this model of every joint."""
     settings = replace(SETTINGS, adapt=adapt)
     return ContactObserver(
-        ROBOT, fusion_set(model, base), settings, parts=ObserverParts(residual=parts)
+        ROBOT,
+        fusion_set(model, base),
+        settings,
+        parts=ObserverParts(residual=parts or FusionParts()),
     )
 
 
@@ -225,6 +228,35 @@ def drive(
         motors.append(motor)
         goal_then, load_then, outside_then = goal_now, load_now, outside_now
     return Driven(position=np.array(positions), motor=np.array(motors))
+
+
+def guided(
+    motion: Motion,
+    *,
+    side: float,
+    speed: float,
+    far: float,
+    begin: float,
+    seconds: float,
+    limit: float,
+) -> Driven:
+    """A hand takes the joint along, stronger than its board, holds it there, and brings it back.
+
+    Args:
+        motion: Its command, at rest.
+        side: Where to, 1 or -1.
+        speed: Of the hand [rad/s].
+        far: How far it goes [rad].
+        begin: [s]
+        seconds: From the begin until it comes back.
+        limit: Largest torque / K that the board gives, back-EMF taken off [rad].
+    """
+    time = np.arange(len(motion)) * CYCLE - begin
+    way = np.clip(time * speed, 0.0, far) - np.clip((time - seconds) * speed, 0.0, far)
+    position = motion.position + side * way - STICK_SLIP.load_gain * motion.load
+    velocity = np.gradient(position, CYCLE)
+    motor = np.clip(motion.position - position - STICK_SLIP.lag * velocity, -limit, limit)
+    return Driven(position=position, motor=motor)
 
 
 def quantised(position: FloatArray) -> FloatArray:
