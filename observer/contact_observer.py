@@ -90,8 +90,8 @@ class ContactObserver(Observer):
     The stages are the same: a generator computes residuals and thresholds of ticks (:class:`PaperGenerator`,
     :class:`FusionGenerator`, :class:`MomentumGenerator`), a tracker derives events from them (:class:`ChainTrackers`,
     for fusion :class:`BodyTracker`). A joint that cannot be judged is BLIND: its values are NaN, and it takes part in
-    no contact. Neither does one that is DOUBTFUL (mode ``fusion``): the motor does not work against its error at rest
-    (:mod:`~pepper_driver.observer.residuals.doubt`), or its identified threshold is beyond MAX_SPREAD.
+    no contact. A joint is DOUBTFUL (mode ``fusion``) if it rests off its place and its motor does not work against
+    that, or if its identified spread is beyond MAX_SPREAD; in the latter case it takes part in no contact either.
 
     Args:
         robot: Description of the robot.
@@ -194,8 +194,7 @@ class ContactObserver(Observer):
         """Report once a session each joint that is in doubt."""
         for joint in np.flatnonzero(doubtful & ~self._doubted):
             LOG.info(
-                "%s is doubtful: its motor does not work against its error, or its command runs away from it. Until "
-                "that ends it detects nothing",
+                "%s is doubtful: it rests off its place, and its motor does not work against that",
                 self._robot.joint_names[joint],
             )
         self._doubted |= doubtful
@@ -243,11 +242,10 @@ class ContactObserver(Observer):
     ) -> tuple[Sequence[Contact], NDArray[np.int8], BoolArray, BoolArray]:
         """Return the events of this tick; (n,) states; joints without touch; joints that were just released."""
         no_model, doubtful = self._generator.no_model, residuals.doubtful
-        if doubtful is not None and np.count_nonzero(doubtful):
-            self._report_doubt(doubtful)
         # NaN compares as False: a blind joint counts as not within its threshold.
         within = np.count_nonzero(np.abs(residuals.residual) <= residuals.threshold)
         quiet = within == self._known_count and not abs(residuals.base_residual) > 1.0
+        quiet = quiet and (doubtful is None or not np.count_nonzero(doubtful))
         # Most ticks end here, which saves the state machines of all joints.
         if quiet and self._tracker.idle:
             return (), self._resting_state.copy(), self._known, self._none_settled
@@ -258,7 +256,10 @@ class ContactObserver(Observer):
         state = np.frombuffer(bytearray(states), dtype=np.int8)
         state[self._numb] = JointState.DOUBTFUL
         if doubtful is not None:
-            state[doubtful] = JointState.DOUBTFUL
+            # A contact on a joint counts for more: its limb may have found it by several small residuals.
+            doubted = doubtful & (state == JointState.FREE)
+            state[doubted] = JointState.DOUBTFUL
+            self._report_doubt(doubted)
         ended = np.array(settled) if any(settled) else self._none_settled
         return contacts, state, state == JointState.FREE, ended
 

@@ -60,6 +60,12 @@ def threshold_factor(false_contacts: float) -> float:
     return 1.0 + TAIL * max(math.log(EXCURSIONS / false_contacts), 0.0)
 
 
+def spread_threshold(spread: float, load_gain: float, false_contacts: float) -> float:
+    """Return the threshold of a joint with this spread [rad]; ``load_gain`` is g = 1 / K [rad/(N m)]."""
+    factor = threshold_factor(false_contacts)
+    return float(max(factor * max(spread, MIN_SPREAD), MIN_TORQUE * load_gain))
+
+
 class SpreadState:
     """Spread of one signal in one phase.
 

@@ -44,6 +44,10 @@ TOUCHED_RATIO = 0.5
 """Fraction of its threshold above which a residual counts as touch."""
 
 
+SPREAD_STDS = 3.0
+"""Standard deviations in a spread: 2.6 of a residual that is normal, 3.3 of one with an exponential tail."""
+
+
 class TorqueState:
     """External torque estimate of one joint.
 
@@ -218,6 +222,9 @@ CONFIRMING_RATIO = 0.55
 
 CONFIRMING_TICKS = 12
 """For which it applies: friction of the joints holds a push back for a moment, the wheels show it at once."""
+
+DOUBT_TICKS = 25
+"""For which a joint must rest off its place to be in doubt: a touch shows in its current a moment later."""
 
 BIAS_TIME = 15.0
 """[s] Time constant with which the bias of a free joint follows its residual: loads differ from those identified."""
@@ -401,6 +408,9 @@ class FusionGenerator:
 
     It stays blind until the median window has none of these samples. Its model then starts from the measured position.
 
+    A joint is in doubt if its command has rested for DOUBT_TICKS and more while the first channel alone was beyond the
+    threshold: it rests off its place, and its motor does not work against that.
+
     Args:
         models: By joint, None for those without.
         cycle: Period of the ticks [s].
@@ -449,7 +459,7 @@ class FusionGenerator:
             models,
             cycle,
             window=window,
-            spread=spread.max(axis=1),
+            spread=spread.max(axis=1) / SPREAD_STDS,
             motor_torque=motor_torque,
         )
         self._median = RunningMedian(window, 2 * n)
@@ -472,6 +482,7 @@ class FusionGenerator:
         self._blind_ticks = np.zeros(n, dtype=np.int64)
         self._blind_countdown = 0
         self._base_quiet, self._confirming = CONFIRMING_TICKS, 0
+        self._doubt_ticks = np.zeros(n, dtype=np.int64)
         self._change, self._bias = np.zeros(n), np.zeros(n)
         self._settling_ticks = np.zeros(n, dtype=np.int64)
         self._settling_countdown = 0
@@ -570,9 +581,12 @@ class FusionGenerator:
     def _doubtful(
         self, model: FloatArray, residual: FloatArray, threshold: FloatArray, blind: BoolArray
     ) -> BoolArray:
-        """Return (n,) joints that rest away from their place without the torque of the motor that this would take."""
-        doubtful: BoolArray = (np.abs(model) > threshold) & (np.abs(residual) <= threshold)
-        return doubtful & ~(self._threshold.moving | blind)
+        """Return (n,) joints that rest off their place without the torque of the motor that this would take."""
+        off = (np.abs(model) > threshold) & (np.abs(residual) <= threshold)
+        off &= ~(self._threshold.moving | blind)
+        self._doubt_ticks = np.where(off, self._doubt_ticks + 1, 0)
+        doubtful: BoolArray = self._doubt_ticks >= DOUBT_TICKS
+        return doubtful
 
     def _blind(self, bad: BoolArray | None, measured: FloatArray) -> BoolArray:
         """Return the (n,) joints that cannot be judged; their stick-slip models follow the measured position."""

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from pepper_driver.config import RobotConfig
-from pepper_driver.config.arrays import FloatArray, IntArray, contiguous
+from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray, contiguous
 from pepper_driver.config.kernels import Block, Matrix, Out, Records, kernel, make_records
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.detection.threshold import (
@@ -38,6 +38,9 @@ POST_DRIVE_TIME = 0.3
 
 LEVEL_TIME = 2.0
 """[s] Time constant with which the level of the inertial unit is followed: it leans with the robot."""
+
+FROZEN_TICKS = 2
+"""From which on values that the inertial unit repeats count as missing: the filter takes out fewer."""
 
 MIN_SPREADS = np.array([0.0005, 0.0005, 0.002, 0.0005, 0.005, 0.005])
 """Smallest spread of each output: a step of its sensor."""
@@ -97,10 +100,13 @@ def _compare(
     inverse: Matrix[FloatArray],
     inertial: FloatArray,
     pace: float,
+    repeats: int,
+    before: Out[FloatArray],
+    missing: Out[IntArray],
     level: Out[FloatArray],
     error: Out[FloatArray],
-) -> None:
-    """Compute predicted minus measured outputs (6,); those of an inertial unit without values are 0.
+) -> int:
+    """Compute predicted minus measured outputs (6,); return for how many ticks the inertial unit repeats its values.
 
     Args:
         predicted: (6,) outputs.
@@ -108,21 +114,35 @@ def _compare(
         inverse: (3, 3) from wheel speeds to the base twist.
         inertial: (3,) yaw rate [rad/s] and horizontal acceleration [m/s2] as measured.
         pace: Fraction of a change of its level that one sample adds.
-        level: (3,) of the inertial unit; NaN before the first sample.
-        error: (6,) is set.
+        repeats: Result for the previous sample.
+        before: (3,) ``inertial`` of the previous sample; is set to this one.
+        missing: (3,) ticks for which a value of the inertial unit has been missing.
+        level: (3,) of the inertial unit; NaN before the first sample, and when a value is missing for long.
+        error: (6,) is set; 0 where a value is missing.
     """
+    repeats += 1
+    for axis in range(3):
+        # NaN differs from itself.
+        if inertial[axis] != before[axis]:
+            repeats = 0
+        before[axis] = inertial[axis]
     for axis in range(3):
         error[axis] = predicted[axis]
         for wheel in range(3):
             error[axis] -= inverse[axis, wheel] * wheel_speed[wheel]
         beyond = inertial[axis] - predicted[3 + axis]
-        if not math.isfinite(beyond):
+        if repeats >= FROZEN_TICKS or not math.isfinite(beyond):
             error[3 + axis] = 0.0
+            missing[axis] += 1
+            if missing[axis] * pace > 1.0:
+                level[axis] = math.nan
             continue
+        missing[axis] = 0
         if math.isnan(level[axis]):
             level[axis] = beyond
         error[3 + axis] = level[axis] - beyond
         level[axis] += pace * (beyond - level[axis])
+    return repeats
 
 
 @kernel
@@ -148,17 +168,19 @@ def _judge_base(
 
 @kernel
 def _learn_base(
-    spreads: Out[Records[SpreadState]], filtered: FloatArray, smallest: FloatArray
+    spreads: Out[Records[SpreadState]], filtered: FloatArray, smallest: FloatArray, seen: BoolArray
 ) -> None:
     for output in range(len(filtered)):
-        learn_spread(spreads, output, abs(filtered[output]), smallest[output])
+        if seen[output]:
+            learn_spread(spreads, output, abs(filtered[output]), smallest[output])
 
 
 class BaseGenerator:
     """Residual of the base in units of its threshold: a size above 1 indicates a push.
 
     It is the norm of the residuals of all outputs, each over its spread (:mod:`~.threshold`): while neither base nor
-    joints move, while joints move, and while the base drives.
+    joints move, while joints move, and while the base drives. Values that the inertial unit does not give, or repeats
+    for FROZEN_TICKS, add nothing to it.
 
     Args:
         model: Of the base.
@@ -169,6 +191,7 @@ class BaseGenerator:
 
     Attributes:
         filtered: (6,) residuals of the outputs after the filter.
+        seen: (6,) outputs that were measured.
         phase: 0 while neither base nor joints move, 1 while joints move, 2 while the base drives.
     """
 
@@ -203,7 +226,8 @@ class BaseGenerator:
         """Forget everything but the model."""
         self._inputs = np.zeros(self._response.shape[:2])
         self._median = RunningMedian(self._window, len(OUTPUTS))
-        self._level = np.full(3, np.nan)
+        self._level, self._before = np.full(3, np.nan), np.full(3, np.nan)
+        self._missing, self._repeats = np.zeros(3, dtype=np.int64), 0
         self._spreads = [
             make_records(SpreadState, len(OUTPUTS), identified=spread, today=spread)
             for spread in self._identified
@@ -214,6 +238,7 @@ class BaseGenerator:
         self._blind = 0
         self._axis = 0
         self.filtered = np.zeros(len(OUTPUTS))
+        self.seen = np.ones(len(OUTPUTS), dtype=np.bool_)
 
     def step(self, tick: Tick, late: bool) -> tuple[float, float]:
         """Take in one tick; return the residual before and after the filter, NaN while it cannot be judged.
@@ -243,7 +268,7 @@ class BaseGenerator:
     def learn(self) -> None:
         """Learn from the last tick, in which no part of the robot was touched."""
         if self._adapt and not self._blind:
-            self._learn(self._spreads[self.phase], self.filtered, MIN_SPREADS)
+            self._learn(self._spreads[self.phase], self.filtered, MIN_SPREADS, self.seen)
 
     def _error(self, tick: Tick) -> FloatArray:
         """Take in a tick; return the (6,) predicted minus the measured outputs."""
@@ -262,15 +287,19 @@ class BaseGenerator:
         inertial = np.empty(3)
         inertial[0] = measurement.imu.angular_velocity[2]
         inertial[1:] = measurement.imu.acceleration[:2]
-        self._compare(
+        self._repeats = self._compare(
             predicted,
             contiguous(measurement.wheel_speed),
             self._inverse,
             inertial,
             self._pace,
+            self._repeats,
+            self._before,
+            self._missing,
             self._level,
             error,
         )
+        self.seen[3:] = self._missing == 0
         self._count += 1
         self._standing_ticks = self._standing_ticks + 1 if fastest < STANDSTILL_SPEED else 0
         slow = np.abs(tick.reference.velocity).max() < SLOW_SPEED

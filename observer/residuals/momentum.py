@@ -133,6 +133,12 @@ ANSWER_RATIO = 0.6
 MIN_DRIVE = np.radians(0.3)
 """[rad] Output of the law below which its sign is not known."""
 
+MAX_STRAY = np.radians(4.0)
+"""[rad] Output of the law beyond which a board does not only follow another target: recorded ones are off by less."""
+
+LIMITED_RATIO = 1.5
+"""Factor on the needed torque beyond which the current counts as an answer to such an output: boards have limits."""
+
 ANSWER_TICKS = 6
 """For which the current must have shown it: boards sometimes follow another target for a moment."""
 
@@ -188,7 +194,8 @@ def current_residual(
 
     The current has no sign. It takes that of the torque that a free motion needs, which makes the residual smaller than
     the other sign would. A touch that reverses the torque of the motor would then be lost: where the current has shown
-    the output of the board's law for ANSWER_TICKS, it takes the sign of this output.
+    the output of the board's law for ANSWER_TICKS, it takes the sign of this output. A board at the limit of its
+    current cannot show an output beyond it: then the current need only be larger than without touch.
 
     Args:
         channels: Of the joints.
@@ -203,6 +210,7 @@ def current_residual(
     needed = p.inertia * acceleration + p.lag * velocity + resistance + p.offset
     size, output = p.torque_per_ampere * current, drive - p.back_emf * velocity
     answers = abs(output) > MIN_DRIVE and size > ANSWER_RATIO * abs(output)
+    answers = answers or (abs(output) > MAX_STRAY and size > LIMITED_RATIO * abs(needed))
     p.answered = p.answered + 1 if answers else 0
     motor = math.copysign(size, output if p.answered >= ANSWER_TICKS else needed)
     return motor - needed, motor

@@ -40,7 +40,7 @@ class Prediction:
     Attributes:
         target: Position sent [rad].
         board_target: The same, behind it where the board limits its speed [rad].
-        load_torque: Desired, including the loads of the hands [N m].
+        load_torque: Desired [N m].
         velocity: Desired [rad/s].
         acceleration: Desired [rad/s2].
         position: Position of the stick-slip models [rad].
@@ -185,7 +185,7 @@ class ErrorPredictor:
 
         Args:
             target: (n,) sent [rad].
-            load_torque: (n,) desired, including the loads of the hands [N m].
+            load_torque: (n,) desired [N m].
             velocity: (n,) desired [rad/s].
             acceleration: (n,) desired [rad/s2].
             measured: (n,) measured positions [rad], where the stick-slip models start in the first tick.

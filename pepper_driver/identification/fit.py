@@ -32,7 +32,7 @@ from pepper_driver.observer import (
     nrmse_fit,
     predict_recording,
 )
-from pepper_driver.observer.detection.threshold import threshold_factor
+from pepper_driver.observer.detection.threshold import spread_threshold
 from pepper_driver.observer.fitting.samples import in_working_range
 from pepper_driver.observer.models.stick_slip import NO_LIMIT
 
@@ -244,11 +244,14 @@ def _fit_fusion(
     if len(left_out) == len(entries):
         raise FittingError(next(iter(left_out.values())))
     kept = {name: model for name, model in models.items() if name not in left_out}
-    factor = threshold_factor(load_observer_settings().false_contacts)
+    false_contacts = load_observer_settings().false_contacts
     return FittedModels(
         models=dict(kept),
         fits={name: fits[name] for name in kept},
-        thresholds={name: factor * max(model.spread) for name, model in kept.items()},
+        thresholds={
+            name: spread_threshold(max(model.spread), model.twin.load_gain, false_contacts)
+            for name, model in kept.items()
+        },
         left_out=left_out,
         base=base,
     )

@@ -14,10 +14,10 @@ from pepper_driver.controller import RobotModel
 from pepper_driver.identification.measurements.program import GRIP, HAND_LINKS
 from pepper_driver.identification.quality import Finding, Kind
 from pepper_driver.observer import FitScore, FusionModel, JointModel
-from pepper_driver.observer.detection.threshold import threshold_factor
+from pepper_driver.observer.detection.threshold import spread_threshold
 
 MAX_THRESHOLD = np.radians(3.0)
-"""[rad] Median threshold over free motion beyond which a joint of the upper arm is blind, if MAX_TORQUE is too."""
+"""[rad] Threshold in motion beyond which a joint of the upper arm is blind, if MAX_TORQUE is too."""
 
 MAX_TORQUE = 2.0
 """[N m] The same as a torque: 6 to 8 N at the hand."""
@@ -52,7 +52,7 @@ class JointSensitivity:
     """Touch that a joint detects, as its model says.
 
     Attributes:
-        threshold: Median of its threshold over free motion [rad].
+        threshold: Its threshold in motion, as identified [rad].
         torque: The same as an external torque [N m], by the stiffness that identification found.
         forces: By place, the force at right angles to the lever that reaches it in the posture POSTURE [N]; without
             the places that the joint does not carry.
@@ -81,14 +81,15 @@ def joint_sensitivities(
         robot: Its description.
     """
     levers = _levers(robot)
-    factor = threshold_factor(load_observer_settings().false_contacts)
+    false_contacts = load_observer_settings().false_contacts
     found = {}
     for joint, model in models.items():
         if not isinstance(model, FusionModel):
             continue
         index = robot.joint_index(joint)
-        threshold = factor * model.spread[1]
-        torque = threshold / model.twin.load_gain
+        load_gain = model.twin.load_gain
+        threshold = spread_threshold(model.spread[1], load_gain, false_contacts)
+        torque = threshold / load_gain
         found[joint] = JointSensitivity(
             threshold=threshold,
             torque=torque,

@@ -10,20 +10,21 @@ import numpy as np
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.contact_observer import ContactObserver
+from pepper_driver.observer.contact_observer import ContactObserver, ObserverParts
 from pepper_driver.observer.detection.body_isolation import BASE_LINK, TRUNK_LINK
+from pepper_driver.observer.detection.threshold import threshold_factor
 from pepper_driver.observer.interface import Contact, Residuals
 from pepper_driver.observer.models.fusion_model import BaseModel, FusionModel, MomentumParameters
 from pepper_driver.observer.models.model_file import ModelSet
 from pepper_driver.observer.models.stick_slip import StickSlipParameters
-from pepper_driver.observer.models.tree import AffineTree, CartTree
+from pepper_driver.observer.models.tree import AffineTree
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.residuals.adaptation import HandLoads
-from pepper_driver.observer.residuals.fusion import FusionGenerator
+from pepper_driver.observer.residuals.fusion import FusionGenerator, FusionParts
 from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS, models, tick
 
 ELBOW = ROBOT.joint_index("LElbowRoll")
 BOUND = 0.02
+"""[rad] Threshold of :func:`fusion_model`."""
 TORQUE_CONSTANT = (
     ROBOT.motors.of("LElbowRoll").torque_constant * ROBOT.motors.joints["LElbowRoll"].ratio
 )
@@ -55,8 +56,10 @@ NOTHING = AffineTree(
 )
 
 
-def constant_tree(value: float) -> CartTree:
-    return CartTree(feature=(-1,), threshold=(0.0,), left=(-1,), right=(-1,), value=(value,))
+def spread_of(bound: float) -> tuple[float, float]:
+    """Spreads at rest and in motion of a model whose threshold is ``bound`` [rad]."""
+    spread = bound / threshold_factor(SETTINGS.false_contacts)
+    return spread, spread
 
 
 def fusion_model(parameters: StickSlipParameters = STICK_SLIP, **changes: Any) -> FusionModel:
@@ -71,9 +74,7 @@ def fusion_model(parameters: StickSlipParameters = STICK_SLIP, **changes: Any) -
             lag=0.0,  # back-EMF takes no current
             offset=parameters.offset,
         ),
-        "weight": (0.8, 0.6),
-        "spread": (0.001, 0.001),
-        "bound": constant_tree(BOUND),
+        "spread": spread_of(BOUND),
         "momentum_bound": 0.04,
     }
     return FusionModel(**(values | changes))
@@ -89,17 +90,33 @@ def fusion_set(
 
 
 def fusion_observer(
-    model: FusionModel = MODEL, *, adapt: bool = False, base: BaseModel | None = None
+    model: FusionModel = MODEL,
+    *,
+    adapt: bool = False,
+    base: BaseModel | None = None,
+    parts: FusionParts | None = None,
 ) -> ContactObserver:
     """An observer with this model of every joint."""
-    return ContactObserver(ROBOT, fusion_set(model, base), replace(SETTINGS, adapt=adapt))
+    settings = replace(SETTINGS, adapt=adapt)
+    return ContactObserver(
+        ROBOT,
+        fusion_set(model, base),
+        settings,
+        parts=ObserverParts(residual=parts or FusionParts()),
+    )
 
 
 def fusion_generator(
-    model: FusionModel = MODEL, *, adapt: bool = False, hands: HandLoads | None = None
+    model: FusionModel = MODEL, *, adapt: bool = False, **more: Any
 ) -> FusionGenerator:
+    """A generator with this model of every joint; each joint is judged alone if ``limbs`` are not given."""
     return FusionGenerator(
-        [model] * JOINTS, CYCLE, window=SETTINGS.fusion_window, adapt=adapt, hands=hands
+        [model] * JOINTS,
+        CYCLE,
+        window=SETTINGS.fusion_window,
+        false_contacts=SETTINGS.false_contacts,
+        adapt=adapt,
+        **more,
     )
 
 
@@ -219,6 +236,35 @@ def followed(command: FloatArray, speed: float) -> FloatArray:
     for k in range(1, len(command)):
         target[k] = target[k - 1] + np.clip(command[k] - target[k - 1], -reach, reach)
     return target
+
+
+def guided(
+    motion: Motion,
+    *,
+    side: float,
+    speed: float,
+    far: float,
+    begin: float,
+    seconds: float,
+    limit: float,
+) -> Driven:
+    """A hand takes the joint along, stronger than its board, holds it there, and brings it back.
+
+    Args:
+        motion: Its command, at rest.
+        side: Where to, 1 or -1.
+        speed: Of the hand [rad/s].
+        far: How far it goes [rad].
+        begin: [s]
+        seconds: From the begin until it comes back.
+        limit: Largest torque / K that the board gives, back-EMF taken off [rad].
+    """
+    time = np.arange(len(motion)) * CYCLE - begin
+    way = np.clip(time * speed, 0.0, far) - np.clip((time - seconds) * speed, 0.0, far)
+    position = motion.position + side * way - STICK_SLIP.load_gain * motion.load
+    velocity = np.gradient(position, CYCLE)
+    motor = np.clip(motion.position - position - STICK_SLIP.lag * velocity, -limit, limit)
+    return Driven(position=position, motor=motor)
 
 
 def quantised(position: FloatArray) -> FloatArray:

@@ -26,6 +26,7 @@ SETTINGS = ObserverSettings(
     median_window=11,
     threshold=THRESHOLD,
     fusion_window=5,
+    false_contacts=0.1,
     adapt=True,
     collision_factor=3.0,
     merge_gap=0.3,

@@ -319,9 +319,10 @@ def test_sets_that_make_no_sense_are_refused() -> None:
 # -- fusion ---------------------------------------------------------------------------------------------------------
 
 BASE = BaseModel(
-    coefficients=tuple((0.1 * k, -1e-7 * k, 1.0 / 3.0) for k in range(2 * TAPS)),
-    standing=(0.01, 0.02, 0.03),
-    driving=(0.04, 0.05, 0.06),
+    coefficients=tuple((0.1 * k, -1e-7 * k, 1.0 / 3.0, 0.0, 1e9, -0.2) for k in range(2 * TAPS)),
+    still=(0.01, 0.02, 0.03, 1e-9, 0.1 + 0.2, 1e6),
+    moving=(0.04, 0.05, 0.06, 0.07, 0.08, 0.09),
+    driving=(0.14, 0.15, 0.16, 0.17, 0.18, 0.19),
 )
 ODD = replace(
     MODEL,
@@ -357,15 +358,16 @@ def test_fusion_models_are_loaded_bit_for_bit(fusion_file: Path) -> None:
         (set_in(*MODEL_OF, "twin", value=3.0), "twin"),
         (set_in(*MODEL_OF, "momentum", "source", value="guess"), "source"),
         (set_in(*MODEL_OF, "momentum", "torque_per_ampere", value=0.0), "torque_per_ampere"),
-        (set_in(*MODEL_OF, "weight", value=[0.5, 1.5]), "'weight' must lie within 0 and 1"),
-        (set_in(*MODEL_OF, "weight", value=[0.5]), "weight"),
+        (set_in(*MODEL_OF, "weight", value=[0.5, 0.5]), "weight"),
+        (set_in(*MODEL_OF, "spread", value=[0.5]), "spread"),
+        (lambda data: data["models"]["HeadYaw"].pop("spread"), "'spread' is missing"),
         (set_in(*MODEL_OF, "spread", 0, value=0.0), "'spread' must be above 0"),
         (set_in(*MODEL_OF, "momentum_bound", value=0.0), "'momentum_bound' must be above 0"),
-        (set_in(*MODEL_OF, "bound", "value", 0, value=-0.01), "'bound' must be above 0"),
-        (set_in(*MODEL_OF, "bound", "left", 0, value=0), "has children"),
+        (set_in(*MODEL_OF, "remainder", "left", 0, value=0), "has children"),
         (set_in(*MODEL_OF, "remainder", "coefficients", 0, value=[0.0]), "remainder"),
-        (set_in("base", "standing", value=[0.1, 0.1]), "base.standing"),
-        (set_in("base", "driving", 1, value=0.0), "a bound must be above 0"),
+        (set_in("base", "still", value=[0.1, 0.1, 0.1]), "base.still"),
+        (set_in("base", "standing", value=[0.1, 0.1, 0.1]), "standing"),
+        (set_in("base", "driving", 1, value=0.0), "a spread must be above 0"),
         (set_in("base", "coefficients", value=[]), "base.coefficients"),
         (lambda data: data["base"]["coefficients"].pop(), "multiple of 25"),
         (set_in("base", value=[]), "base"),

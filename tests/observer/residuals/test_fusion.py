@@ -17,13 +17,7 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.detection.excursions import SETTLING_FACTOR
-from pepper_driver.observer.detection.threshold import (
-    LIMITED_FACTOR,
-    SPEED_MEMORY,
-    START_FACTOR,
-    THRESHOLD_MEMORY,
-    FusionThreshold,
-)
+from pepper_driver.observer.detection.threshold import LIMITED_FACTOR, MOTION_MEMORY, REST_SPEED
 from pepper_driver.observer.interface import (
     MIN_OBSERVED_STIFFNESS,
     Contact,
@@ -31,7 +25,7 @@ from pepper_driver.observer.interface import (
     Observation,
 )
 from pepper_driver.observer.models.fusion_model import MotorTorque
-from pepper_driver.observer.models.tree import CartTree
+from pepper_driver.observer.residuals.fusion import FusionParts
 from pepper_driver.observer.residuals.prediction import MAX_LATE_TICKS
 from support.examples import examples
 from support.fusion import (
@@ -42,7 +36,6 @@ from support.fusion import (
     Driven,
     Motion,
     check_lives,
-    constant_tree,
     drive,
     fusion_generator,
     fusion_model,
@@ -50,6 +43,7 @@ from support.fusion import (
     fusion_set,
     play,
     push_profile,
+    spread_of,
     standing,
     swing,
     ticks_of,
@@ -94,12 +88,14 @@ def test_expected_error_is_that_of_the_joint() -> None:
     assert np.sqrt(np.mean((expected - error) ** 2)) < 0.1 * error.std()
 
 
-@pytest.mark.parametrize("weight", [(1.0, 1.0), (0.0, 0.0), (0.5, 0.2)])
-def test_both_channels_alone_and_together_detect_a_push(weight: tuple[float, float]) -> None:
+@pytest.mark.parametrize(
+    "parts", [FusionParts(), FusionParts(model=False), FusionParts(current=False)]
+)
+def test_both_channels_alone_and_together_detect_a_push(parts: FusionParts) -> None:
     motion = swing(6.0)
     push = push_profile(len(motion), 2.0, 0.8, 4.5)
     made = ticks_of(motion, drive(motion, torque=push))
-    _, events = run(fusion_observer(fusion_model(weight=weight)), made)
+    _, events = run(fusion_observer(parts=parts), made)
     begins = [event for event in events if event.phase == "begin" and event.kind != "rebound"]
     assert [event.joint for event in begins] == ["LElbowRoll"]
     assert begins[0].direction == 1
@@ -173,10 +169,10 @@ def test_a_current_that_does_not_carry_the_load_is_no_hand() -> None:
     made = ticks_of(motion, drive(motion, start=-0.03))
     for one in made:
         one.measurement.current[:] = 0.0
-    model = fusion_model(weight=(1.0, 1.0))
-    observations, events = run(fusion_observer(model), made)
-    assert events == []
-    assert np.abs(of_elbow(observations, "torque")[WINDOW:]).max() < 0.5
+    for parts in (FusionParts(), FusionParts(current=False)):
+        observations, events = run(fusion_observer(parts=parts), made)
+        assert events == []
+        assert np.abs(of_elbow(observations, "torque")[WINDOW:]).max() < 0.5
 
 
 def chase(speed: float) -> tuple[Motion, Motion]:
@@ -189,25 +185,21 @@ def chase(speed: float) -> tuple[Motion, Motion]:
     return fast, replace(fast, position=np.array(target))
 
 
-@pytest.mark.parametrize("weight", [(1.0, 1.0), (0.5, 0.5)])
 @pytest.mark.parametrize("speed", [0.8, 1.2])
-def test_a_target_whose_speed_is_limited_is_expected_to_fall_behind(
-    weight: tuple[float, float], speed: float
-) -> None:
+def test_a_target_whose_speed_is_limited_is_expected_to_fall_behind(speed: float) -> None:
     """Also where it then runs faster than it was measured to, as recorded robots do at times."""
     command, target = chase(speed)
     assert np.abs(command.velocity).max() > 1.2
     made = ticks_of(target, drive(target))
     for one, position in zip(made, command.position, strict=True):
         one.sent.position[ELBOW] = one.reference.position[ELBOW] = position
-    known = fusion_model(replace(STICK_SLIP, target_speed=0.8), weight=weight)
+    known = fusion_model(replace(STICK_SLIP, target_speed=0.8))
     observations, events = run(fusion_observer(known), made)
     assert events == []
     assert np.abs(of_elbow(observations, "expected")).max() > 0.1
-    seen = [JointState(int(one.state[ELBOW])) for one in observations]
-    assert set(seen) == {JointState.FREE, JointState.DOUBTFUL}
-    assert seen[-1] == JointState.FREE
-    assert run(fusion_observer(fusion_model(weight=weight)), made)[1]
+    assert {int(one.state[ELBOW]) for one in observations} == {JointState.FREE}
+    # Where the limit is not known, the position alone would show a touch.
+    assert run(fusion_observer(parts=FusionParts(current=False)), made)[1]
 
 
 def test_without_a_push_there_is_little_torque() -> None:
@@ -226,8 +218,9 @@ def test_a_joint_that_friction_holds_away_from_its_target_is_released(torque: fl
     motion = standing(8.0)
     push = push_profile(len(motion), 1.0, 1.0, 2.0 * torque)
     driven = drive(motion, rough, torque=push)
-    model = fusion_model(rough, bound=constant_tree(0.015))
-    assert 1.1 < abs(driven.position[-1]) / model.max_bound < 0.95 * SETTLING_FACTOR
+    bound = 0.015
+    model = fusion_model(rough, spread=spread_of(bound))
+    assert 1.1 < abs(driven.position[-1]) / bound < 0.95 * SETTLING_FACTOR
     observations, events = run(fusion_observer(model), ticks_of(motion, driven))
     first = [event for event in events if event.id == 1]
     assert first[-1].phase == "end"
@@ -254,7 +247,7 @@ def test_letting_go_is_no_contact_of_its_own(torque: float) -> None:
     rough = replace(STICK_SLIP, friction=0.03, breakaway=1.2)
     motion = standing(8.0)
     driven = drive(motion, rough, torque=push_profile(len(motion), 1.0, 1.0, 2.5 * torque))
-    model = fusion_model(rough, bound=constant_tree(0.01))
+    model = fusion_model(rough, spread=spread_of(0.01))
     _, events = run(fusion_observer(model), ticks_of(motion, driven))
     assert {event.id for event in events} == {1}
 
@@ -394,7 +387,7 @@ def test_a_joint_that_was_soft_may_rest_elsewhere_when_it_wakes() -> None:
     position = np.where(soft, 0.3, np.where(k < 100, 0.0, 0.027))
     driven = Driven(position=position, motor=-position)
     made = ticks_of(motion, driven, stiffness=np.where(soft, 0.2, 1.0))
-    observations, events = run(fusion_observer(fusion_model(rough, weight=(1.0, 1.0))), made)
+    observations, events = run(fusion_observer(fusion_model(rough)), made)
     assert events == []
     residual = of_elbow(observations, "residual")
     assert np.isnan(residual[100 : 200 + WINDOW - 1]).all()
@@ -429,164 +422,109 @@ def test_joints_without_a_model_stay_blind() -> None:
 # -- threshold ------------------------------------------------------------------------------------------------------
 
 
-def test_a_command_that_the_gate_altered_widens_the_threshold_for_a_while() -> None:
+def test_a_command_that_the_gate_alters_widens_the_threshold_as_long_as_it_does() -> None:
     motion = swing(4.0)
     made = ticks_of(motion, drive(motion), limited=range(100, 110))
-    observations, events = run(fusion_observer(), made)
+    observations, events = run(fusion_observer(parts=FusionParts(limbs=False)), made)
     assert events == []
     threshold = of_elbow(observations, "threshold")
-    memory = round(THRESHOLD_MEMORY / CYCLE)
-    raised = slice(100, 109 + memory)
-    np.testing.assert_allclose(threshold[raised], LIMITED_FACTOR * BOUND)
-    np.testing.assert_allclose(np.delete(threshold, np.r_[100 : 110 + memory]), BOUND)
+    np.testing.assert_allclose(threshold[100:110], LIMITED_FACTOR * BOUND)
+    np.testing.assert_allclose(np.delete(threshold, np.r_[100:110]), BOUND)
     assert all(one.state[ELBOW] == JointState.FREE for one in observations)
     np.testing.assert_allclose([one.threshold[HEAD] for one in observations], BOUND)
 
 
-def test_the_threshold_is_that_of_the_motion() -> None:
-    fast = CartTree(
-        feature=(0, -1, -1),
-        threshold=(0.3, 0.0, 0.0),
-        left=(1, -1, -1),
-        right=(2, -1, -1),
-        value=(0.0, 0.01, 0.03),
-    )
+def test_the_threshold_is_that_of_rest_or_of_motion() -> None:
+    (rest, _), (moving, _) = spread_of(0.01), spread_of(0.03)
     motion = swing(4.0, rest=1.0)
     observations, _ = run(
-        fusion_observer(fusion_model(bound=fast)), ticks_of(motion, drive(motion))
+        fusion_observer(fusion_model(spread=(rest, moving)), parts=FusionParts(limbs=False)),
+        ticks_of(motion, drive(motion)),
     )
-    threshold = of_elbow(observations, "threshold")
-    memory = round(THRESHOLD_MEMORY / CYCLE)
-    speed = np.abs(motion.velocity)
-    for k in range(len(motion)):
-        recent = speed[max(0, k + 1 - memory) : k + 1].max()
-        assert threshold[k] == pytest.approx(0.03 if recent > 0.3 else 0.01)
-
-
-def test_the_threshold_remembers_the_fastest_motion() -> None:
-    was_fast = CartTree(
-        feature=(2, -1, -1),
-        threshold=(0.3, 0.0, 0.0),
-        left=(1, -1, -1),
-        right=(2, -1, -1),
-        value=(0.0, 0.01, 0.03),
-    )
-    target = FusionThreshold([fusion_model(bound=was_fast)] * JOINTS, CYCLE, adapt=False)
-    memory = round(SPEED_MEMORY / CYCLE) + round(THRESHOLD_MEMORY / CYCLE) - 1
-    # Jolts that last for a tick.
-    fast = np.random.default_rng(0).uniform(size=(2000, JOINTS)) < 0.01
-    speed = np.where(fast, -0.4, 0.2)
-    nothing, never = np.zeros(JOINTS), np.zeros(JOINTS, dtype=np.bool_)
-    for k, velocity in enumerate(speed):
-        recently = fast[max(0, k + 1 - memory) : k + 1].any(axis=0)
-        threshold = target.step(velocity, nothing, never, nothing)
-        np.testing.assert_array_equal(threshold, np.where(recently, 0.03, 0.01))
+    memory, speed = round(MOTION_MEMORY / CYCLE), np.abs(motion.velocity)
+    recent = np.array([speed[max(0, k + 1 - memory) : k + 1].max() for k in range(len(motion))])
+    expected = np.where(recent > REST_SPEED, 0.03, 0.01)
+    assert set(expected.tolist()) == {0.01, 0.03}
+    np.testing.assert_allclose(of_elbow(observations, "threshold"), expected)
+    np.testing.assert_allclose([one.threshold[HEAD] for one in observations], 0.01)
 
 
 def test_a_joint_with_larger_residuals_today_gets_a_wider_threshold() -> None:
-    """Three times its largest residual, when it has moved for long enough."""
-    motion = swing(40.0, rate=1.5)
-    rough = drive(motion, replace(STICK_SLIP, friction=0.016))
-    model = fusion_model(weight=(1.0, 1.0), spread=(0.02, 0.02), bound=constant_tree(0.004))
-    free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
-    signal = fusion_generator(model, adapt=True)
-    rows = []
-    for one in ticks_of(motion, rough):
-        seen = signal.step(one)
-        rows.append((abs(seen.residual[ELBOW]), seen.threshold[ELBOW], seen.threshold[HEAD]))
-        signal.learn(seen, free, nothing, True)
-    size, threshold, other = np.array(rows).T
-    assert (size < threshold).all()
-    largest = size[round(5.0 / CYCLE) :].max()
-    assert largest > 0.004
-    last = threshold[-round(10.0 / CYCLE) :]
-    assert last.max() > 2.0 * largest
-    # The head has not moved: of it nothing is known yet.
-    assert other[-1] >= START_FACTOR * 0.004
+    motion = swing(30.0, rate=1.5)
+    rough = drive(motion, replace(STICK_SLIP, friction=0.016), steps=20)
+    signals = play(
+        fusion_generator(fusion_model(spread=spread_of(0.005)), adapt=True), ticks_of(motion, rough)
+    )
+    threshold = np.array([one.threshold for one in signals])
+    assert threshold[-1, ELBOW] > 1.3 * threshold[60, ELBOW]
+    assert threshold[:, HEAD].max() == pytest.approx(0.005)
+    fixed = play(fusion_generator(fusion_model(spread=spread_of(0.005))), ticks_of(motion, rough))
+    np.testing.assert_allclose([one.threshold[ELBOW] for one in fixed], 0.005)
 
 
-def test_thresholds_begin_wide_and_come_down_in_free_motion() -> None:
-    motion = swing(40.0)
-    signals = play(fusion_generator(adapt=True), ticks_of(motion, drive(motion)))
-    threshold = np.array([one.threshold[ELBOW] for one in signals])
-    assert threshold[0] >= START_FACTOR * BOUND
-    assert threshold[-50:].min() >= BOUND
-    assert threshold[-50:].max() < 0.6 * threshold[0]
-
-
-def test_thresholds_stay_wide_while_something_touches_the_robot() -> None:
-    """Even on joints that do not detect it."""
-    motion = swing(20.0)
-    signal = fusion_generator(adapt=True)
+def test_thresholds_learn_nothing_while_something_touches_the_robot() -> None:
+    """Even those of joints that do not detect it."""
+    motion = swing(10.0)
+    rough = drive(motion, replace(STICK_SLIP, friction=0.016), steps=20)
+    signal = fusion_generator(fusion_model(spread=spread_of(0.005)), adapt=True)
     free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
     free[HEAD] = False
-    for one in ticks_of(motion, drive(motion)):
+    for one in ticks_of(motion, rough):
         made = signal.step(one)
-        assert made.threshold[ELBOW] >= START_FACTOR * BOUND
+        np.testing.assert_allclose(made.threshold, 0.005)
         signal.learn(made, free, nothing, False)
 
 
-# -- adaptation -----------------------------------------------------------------------------------------------------
+def test_a_joint_that_has_worn_is_told() -> None:
+    signal = fusion_generator(adapt=True)
+    motion = swing(15.0, rate=3.0)
+    made = ticks_of(motion, drive(motion, steps=20))
+    rng = np.random.default_rng(2)
+    for k, size in enumerate(
+        np.repeat(rng.uniform(-0.09, 0.09, len(made) // 8 + 1), 8)[: len(made)]
+    ):
+        made[k].measurement.position[ELBOW] += size
+        made[k].measurement.current[ELBOW] = 2.0
+    play(signal, made)
+    assert signal.worn[ELBOW] == (signal._threshold.change[ELBOW] >= 2.9)
+    assert not np.delete(signal.worn, ELBOW).any()
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [{"friction": 0.0105}, {"lag": 0.026}, {"offset": 0.004}, {"load_gain": 0.0125}],
-)
-def test_models_follow_a_joint_that_has_changed(changes: dict[str, float]) -> None:
-    motion = swing(40.0, 0.5, 1.7, gravity=2.5)
-    made = ticks_of(motion, drive(motion, replace(STICK_SLIP, **changes)))
-    model = fusion_model(weight=(1.0, 1.0))
-
-    def sizes(adapt: bool) -> FloatArray:
-        signals = play(fusion_generator(model, adapt=adapt), made)
-        residual = np.array([one.residual[ELBOW] for one in signals])
-        quarter = len(residual) // 4
-        parts = (residual[:quarter], residual[-quarter:])
-        return np.array([np.sqrt(np.mean(part**2)) for part in parts])
-
-    followed, fixed = sizes(True), sizes(False)
-    assert followed[1] < 0.6 * fixed[1]
-    assert followed[1] < followed[0]
+# -- learning -------------------------------------------------------------------------------------------------------
 
 
 def test_a_push_is_not_learned() -> None:
     """A hand that holds on for long must not become the load of the joint."""
     motion = standing(40.0)
     push = push_profile(len(motion), 10.0, 25.0, 9.0)
-    observations, events = run(
-        fusion_observer(fusion_model(spread=(3e-4, 3e-4)), adapt=True),
-        ticks_of(motion, drive(motion, torque=push)),
-    )
+    made = ticks_of(motion, drive(motion, torque=push))
+    observations, events = run(fusion_observer(adapt=True), made)
     begins = [event for event in events if event.phase == "begin"]
     assert [event.direction for event in begins] == [1]
     [end] = [event for event in events if event.phase == "end"]
     assert end.time == pytest.approx(35.0, abs=0.3)
     estimate = of_elbow(observations, "torque")
     assert estimate[round(33.0 / CYCLE)] == pytest.approx(9.0, abs=1.5)
-    fixed, _ = run(
-        fusion_observer(fusion_model(spread=(3e-4, 3e-4))),
-        ticks_of(motion, drive(motion, torque=push)),
-    )
+    fixed, _ = run(fusion_observer(), made)
     assert estimate[round(33.0 / CYCLE)] == pytest.approx(
         of_elbow(fixed, "torque")[round(33.0 / CYCLE)], abs=0.1
     )
 
 
 def test_the_model_of_a_joint_at_rest_moves_to_where_it_rests() -> None:
-    """A target does not determine on which side of it friction holds the joint."""
+    """A target does not determine on which side of it friction holds the joint; the motor works against that."""
     motion = standing(8.0)
     crept = np.where(np.arange(len(motion)) < 100, 0.0, 0.007)
-    driven = Driven(position=crept, motor=np.zeros(len(motion)))
-    signals = play(fusion_generator(fusion_model(weight=(1.0, 1.0))), ticks_of(motion, driven))
-    residual = np.array([one.residual[ELBOW] for one in signals])
+    driven = Driven(position=crept, motor=-crept)
+    made = ticks_of(motion, driven)
+    residual = np.array([one.residual[ELBOW] for one in play(fusion_generator(), made)])
     assert np.abs(residual).max() > 0.006
     assert np.abs(residual[-1]) < 0.001
     # A joint that is touched is not one of them.
-    touched = fusion_generator(fusion_model(weight=(1.0, 1.0)))
+    touched = fusion_generator()
     free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
     free[ELBOW] = False
-    for one in ticks_of(motion, driven):
+    for one in made:
         last = touched.step(one)
         touched.learn(last, free, nothing, False)
     assert abs(last.residual[ELBOW]) > 0.006

@@ -34,7 +34,7 @@ from support.doctor import (
     passing_clock,
     shifted_clock,
 )
-from support.fusion import constant_tree, fusion_model
+from support.fusion import fusion_model
 
 SAFETY = load_safety_settings()
 HEAD, ROLL = ROBOT.joint_index("HeadYaw"), ROBOT.joint_index("LShoulderRoll")
@@ -243,7 +243,7 @@ def test_models_that_lack_a_joint_or_are_of_another_version_are_warned_of() -> N
     assert (old.status, "0.0.1" in old.found) == (WARNING, True)
     partial = check_models(only(whole, set(ROBOT.joint_names) - {"LHand"}), own, ROBOT)
     assert (partial.status, "LHand" in partial.remedy) == (WARNING, True)
-    wrist = replace(fusion_model(), bound=constant_tree(0.3))
+    wrist = fusion_model(spread=(0.3, 0.3))
     numb = check_models(replace(whole, models={**whole.models, "LWristYaw": wrist}), own, ROBOT)
     assert (numb.status, "no touch reaches the thresholds of LWristYaw" in numb.found) == (
         WARNING,

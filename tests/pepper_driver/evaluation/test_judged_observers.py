@@ -11,7 +11,13 @@ import numpy as np
 import pytest
 
 from pepper_driver.backends.selection import parse_uri
-from pepper_driver.config import RobotIdentity, UnknownNameError, load_plant, plant_hash
+from pepper_driver.config import (
+    RobotIdentity,
+    UnknownNameError,
+    load_observer_settings,
+    load_plant,
+    plant_hash,
+)
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import ArgumentError
 from pepper_driver.config.evaluation_baselines import STATIC_BASELINES, EvaluationBaselines
@@ -31,7 +37,6 @@ from pepper_driver.evaluation.touch.records import Touched
 from pepper_driver.observer import (
     AffineTree,
     Contact,
-    ContactObserver,
     FusionModel,
     ModelFileError,
     ModelKind,
@@ -41,6 +46,8 @@ from pepper_driver.observer import (
     Recording,
     shipped,
 )
+from pepper_driver.observer.detection.threshold import spread_threshold
+from pepper_driver.observer.residuals.fusion import CONFIRMING_RATIO
 from pepper_driver.observers import make_observer
 from support.evaluation import CYCLE, INDEX, JOINT, JOINTS, ROBOT, Script, contact, recording
 
@@ -72,7 +79,9 @@ def moving(seconds: float = 4.0) -> Recording:
     position = columns["sent_position"].copy()
     late = time > seconds - 1.0
     position[late] -= 0.2 * np.sin(np.pi * (time[late, None] - seconds + 1.0))
-    return replace(run, position=position, **columns)
+    # Its motors work against that.
+    current = 60.0 * np.abs(columns["sent_position"] - position)
+    return replace(run, position=position, current=current, **columns)
 
 
 RUN = moving()
@@ -100,9 +109,9 @@ def begins(observations: list[Observation]) -> list[Contact]:
 
 def test_each_name_is_made_and_no_other() -> None:
     assert set(DEFAULT) <= set(OBSERVERS) == {"fusion", *BASELINES, *ABLATIONS}
-    assert len(set(OBSERVERS)) == len(OBSERVERS) == 1 + 4 + 4 + 2 + 8
-    with pytest.raises(UnknownNameError, match=r"'fusion-without-twins'.*fusion-without-twin"):
-        made("fusion-without-twins")
+    assert len(set(OBSERVERS)) == len(OBSERVERS) == 1 + 4 + 4 + 2 + 9
+    with pytest.raises(UnknownNameError, match=r"'fusion-without-models'.*fusion-without-model"):
+        made("fusion-without-models")
     with pytest.raises(UnknownNameError, match="momentum-adaptive@matched"):
         made("momentum-adaptive@matched")
     with pytest.raises(ArgumentError, match="the oracle needs the recording"):
@@ -143,27 +152,34 @@ def test_what_a_static_baseline_expects() -> None:
     assert all((o.expected == 0.0).all() for o in observe(made("error"), ticks=100))
 
 
+def thresholds(phase: int) -> FloatArray:
+    """Thresholds of joints alone, as identified, at rest (0) or in motion (1)."""
+    false_contacts = load_observer_settings().false_contacts
+    return by_joint(lambda m: spread_threshold(m.spread[phase], m.twin.load_gain, false_contacts))
+
+
 def test_momentum_with_our_threshold() -> None:
-    """The residual of ours without the twin, the largest residual of the momentum observer, and our factor on it."""
+    """The residual of ours by the current alone, each joint by its spread, and no base."""
     adaptive = observe(made("momentum-adaptive"), ticks=1)[0]
-    bare = observe(made("fusion-without-twin"), ticks=1)[0]
+    bare = observe(made("fusion-without-model"), ticks=1)[0]
     np.testing.assert_array_equal(adaptive.residual, bare.residual)
-    bounds = np.degrees(by_joint(lambda m: m.momentum_bound))
-    described = made("momentum-adaptive").describe()
-    assert f"threshold {bounds.min():.2f} to {bounds.max():.2f} deg" in described
-    assert (adaptive.threshold > 1.99 * np.radians(bounds)).all()
+    own = thresholds(0)
+    own[INDEX] = thresholds(1)[INDEX]
+    np.testing.assert_allclose(adaptive.threshold, own)
+    wheels = np.zeros((len(RUN), 3))
+    wheels[100:200] = 3.0
+    pushed = replace(recording(len(RUN) * CYCLE), wheel_speed=wheels)
+    assert not begins(observe(made("momentum-adaptive"), pushed))
 
 
-def test_twin_and_momentum_make_ours_by_their_weights() -> None:
-    ours, without_twin, without_momentum = (
+def test_model_and_current_make_ours_where_they_agree() -> None:
+    ours, model, current = (
         observe(made(name), ticks=1)[0].residual
-        for name in ("fusion", "fusion-without-twin", "fusion-without-momentum")
+        for name in ("fusion", "fusion-without-current", "fusion-without-model")
     )
-    weight = by_joint(lambda m: m.weight[0])  # a model that has just started is at rest
-    np.testing.assert_allclose(
-        ours, weight * without_momentum + (1.0 - weight) * without_twin, atol=1e-15
-    )
-    assert abs(without_momentum[INDEX] - without_twin[INDEX]) > 1e-4
+    smaller = np.copysign(np.minimum(np.abs(model), np.abs(current)), model)
+    np.testing.assert_allclose(ours, np.where(model * current > 0.0, smaller, 0.0), atol=1e-15)
+    assert abs(model[INDEX] - current[INDEX]) > 1e-4
 
 
 def test_without_its_tree_ours_expects_less_by_what_the_tree_says() -> None:
@@ -178,29 +194,41 @@ def test_without_its_tree_ours_expects_less_by_what_the_tree_says() -> None:
     assert ours[INDEX] - without[INDEX] == pytest.approx(remainder, abs=1e-15)
 
 
-def test_without_adaptation_or_hands() -> None:
-    bound = by_joint(lambda m: m.max_bound)
-    loads = {}
-    for name in ("fusion", "fusion-without-hands", "fusion-without-adaptation"):
-        observer = made(name)
-        assert isinstance(observer, ContactObserver)
-        first = observe(observer, ticks=1)[0].threshold
-        loads[name] = observer.hand_loads
-        # Before a motion the threshold that adapts is at least twice the identified one of a joint at rest.
-        assert (first > bound).any() == (name != "fusion-without-adaptation")
-    assert set(loads["fusion"]) == {"left_arm", "right_arm"}
-    assert not loads["fusion-without-hands"]
-    assert not loads["fusion-without-adaptation"]
+def test_without_adaptation_thresholds_are_those_identified() -> None:
+    """Of each joint alone: those of a limb are lower, but never of a joint without residual."""
+    fixed = observe(made("fusion-without-adaptation"), recording(8.0))
+    np.testing.assert_allclose(fixed[-1].threshold, thresholds(0), rtol=0.05)
+    ours = observe(made("fusion"), recording(8.0))
+    assert (ours[-1].threshold < 0.999 * fixed[-1].threshold).any()
 
 
-def test_without_the_adaptive_threshold_it_is_the_largest_identified_one() -> None:
-    for one in observe(made("fusion-without-adaptive-threshold")):
-        np.testing.assert_array_equal(one.threshold, by_joint(lambda m: m.max_bound))
-    ours = np.array([o.threshold for o in observe(made("fusion"))])
-    assert np.ptp(ours[:, INDEX]) > 1e-3
-    blind = replace(RUN, stiffness=np.full((len(RUN), JOINTS), 0.5))
-    without = observe(made("fusion-without-adaptive-threshold"), blind, ticks=3)
-    assert np.isnan(without[-1].threshold).all()
+def test_without_bias_the_residual_keeps_what_does_not_change() -> None:
+    run = replace(RUN, position=RUN.sent_position - 0.001, current=RUN.current + 0.2)
+    ours, without, fixed = (
+        np.array([o.residual for o in observe(made(name), run)])
+        for name in ("fusion", "fusion-without-bias", "fusion-without-adaptation")
+    )
+    assert np.abs(ours[-50:] - without[-50:]).max() > 1e-5
+    np.testing.assert_array_equal(without, fixed)
+
+
+def test_without_limbs_each_joint_is_judged_alone() -> None:
+    ours, without = observe(made("fusion")), observe(made("fusion-without-limbs"))
+    np.testing.assert_allclose(without[0].threshold[INDEX], thresholds(1)[INDEX])
+    lower = np.array([o.threshold for o in ours]) < np.array([o.threshold for o in without]) - 1e-9
+    assert lower.any(axis=0)[[ROBOT.joint_index("LElbowRoll"), INDEX]].all()
+
+
+def test_without_confirmation_a_push_on_the_base_lowers_no_threshold() -> None:
+    wheels = np.zeros((len(RUN), 3))
+    wheels[100:200] = 3.0
+    pushed = replace(recording(len(RUN) * CYCLE), wheel_speed=wheels)
+    ours, without = (
+        np.array([o.threshold[INDEX] for o in observe(made(name), pushed)])
+        for name in ("fusion", "fusion-without-confirmation")
+    )
+    assert ours[105] == pytest.approx(CONFIRMING_RATIO * without[105], rel=1e-6)
+    np.testing.assert_allclose(ours[:100], without[:100])
 
 
 def test_without_the_base_nobody_feels_that_wheels_are_turned() -> None:

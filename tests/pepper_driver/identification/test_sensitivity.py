@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pepper_driver.config import load_observer_settings
 from pepper_driver.controller import RobotModel
 from pepper_driver.identification import Finding
 from pepper_driver.identification.sensitivity import (
@@ -14,20 +15,13 @@ from pepper_driver.identification.sensitivity import (
     blind_joints,
     joint_sensitivities,
 )
-from pepper_driver.observer import FitScore
-from pepper_driver.observer.models.tree import CartTree
-from support.fusion import STICK_SLIP, constant_tree, drive, fusion_model, recording_of, swing
+from pepper_driver.observer import ContactObserver, FitScore
+from pepper_driver.observer.detection.threshold import MIN_TORQUE
+from support.fusion import STICK_SLIP, fusion_model, fusion_set, spread_of
 from support.identification import ROBOT
+from support.observer import tick
 
-ELBOW = ROBOT.joint_index("LElbowRoll")
-SLOW, FAST = np.radians(1.0), np.radians(4.0)
-BY_SPEED = CartTree(
-    feature=(0, -1, -1),
-    threshold=(0.3, 0.0, 0.0),
-    left=(1, -1, -1),
-    right=(2, -1, -1),
-    value=(0.0, SLOW, FAST),
-)
+REST, MOTION = np.radians(4.0), np.radians(1.0)
 
 
 def sensitivity(degrees: float, torque: float) -> JointSensitivity:
@@ -41,24 +35,28 @@ def blind(joint: str, one: JointSensitivity, test_fit: float = 90.0, *findings: 
     return "; ".join(f.text for f in found)
 
 
-@pytest.mark.parametrize(("speed", "expected"), [(0.1, SLOW), (0.9, FAST)])
-def test_threshold_is_that_of_most_of_the_motion(speed: float, expected: float) -> None:
-    motion = swing(12.0)
-    run = recording_of(motion, drive(motion), joint=ELBOW)
-    velocity = np.full(run.velocity.shape, speed)
-    velocity[: len(run) // 3] = 1.0 - speed
-    run = replace(run, velocity=velocity)
-    one = joint_sensitivities({"LElbowRoll": fusion_model(bound=BY_SPEED)}, [run], ROBOT)
-    assert one["LElbowRoll"].threshold == pytest.approx(expected)
-    assert one["LElbowRoll"].torque == pytest.approx(expected / STICK_SLIP.load_gain)
+def test_threshold_is_that_of_motion() -> None:
+    model = fusion_model(spread=(spread_of(REST)[0], spread_of(MOTION)[1]))
+    one = joint_sensitivities({"LElbowRoll": model}, ROBOT)["LElbowRoll"]
+    assert one.threshold == pytest.approx(MOTION)
+    assert one.torque == pytest.approx(MOTION / STICK_SLIP.load_gain)
+
+
+@pytest.mark.parametrize("load_gain", [0.01, 0.3])
+def test_threshold_is_the_one_that_the_observer_uses(load_gain: float) -> None:
+    """Also of a quiet joint, and of one whose board is soft: there the smallest torque counts."""
+    model = fusion_model(replace(STICK_SLIP, load_gain=load_gain), spread=(1e-5, 1e-5))
+    one = joint_sensitivities({"LWristYaw": model}, ROBOT)["LWristYaw"]
+    observer = ContactObserver(ROBOT, fusion_set(model), load_observer_settings())
+    threshold = observer.step(tick(0)).threshold[ROBOT.joint_index("LWristYaw")]
+    assert one.threshold == pytest.approx(threshold)
+    assert (one.torque == pytest.approx(MIN_TORQUE)) == (load_gain > 0.1)
 
 
 @pytest.mark.parametrize("joint", ["LShoulderPitch", "LElbowRoll", "RShoulderRoll", "LWristYaw"])
 def test_forces_turn_the_joint_as_much_as_the_threshold(joint: str) -> None:
     """The work of a small turn: the torque times the angle is the force times the way of the point."""
-    motion = swing(6.0)
-    run = recording_of(motion, drive(motion), joint=ELBOW)
-    one = joint_sensitivities({joint: fusion_model(bound=constant_tree(SLOW))}, [run], ROBOT)[joint]
+    one = joint_sensitivities({joint: fusion_model(spread=spread_of(MOTION))}, ROBOT)[joint]
     model, posture, angle = RobotModel(ROBOT), ROBOT.posture(POSTURE), 1e-5
     turned = posture.copy()
     turned[ROBOT.joint_index(joint)] += angle
@@ -76,10 +74,8 @@ def test_forces_turn_the_joint_as_much_as_the_threshold(joint: str) -> None:
 
 
 def test_a_joint_behind_a_place_does_not_tell_forces_there() -> None:
-    motion = swing(6.0)
-    run = recording_of(motion, drive(motion), joint=ELBOW)
     models = {name: fusion_model() for name in ("LWristYaw", "HeadYaw", "LElbowYaw")}
-    found = joint_sensitivities(models, [run], ROBOT)
+    found = joint_sensitivities(models, ROBOT)
     assert "forearm" not in found["LWristYaw"].forces
     assert found["HeadYaw"].forces == {}
 

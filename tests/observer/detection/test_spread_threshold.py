@@ -1,0 +1,236 @@
+"""Thresholds of mode ``fusion``: spreads that follow free motion, at rest and in motion, and never a touch."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.kernels import make_records
+from pepper_driver.observer.detection.threshold import (
+    EXCURSIONS,
+    LIMITED_FACTOR,
+    MAX_CHANGE,
+    MIN_SPREAD,
+    MIN_TORQUE,
+    MOTION_MEMORY,
+    REST_SPEED,
+    SPREAD_QUANTILE,
+    TAIL,
+    SpreadState,
+    SpreadThreshold,
+    learn_spread,
+    threshold_factor,
+)
+from support.observer import CYCLE
+
+FALSE_CONTACTS = 0.1
+FACTOR = 1.0 + 0.22 * math.log(50_000.0)
+MEMORY = round(MOTION_MEMORY / CYCLE)
+LN_100 = math.log(100.0)
+NORMAL_QUANTILE = 2.5758  # of the size of standard normal numbers, 0.99
+
+
+def made(
+    *spreads: tuple[float, float],
+    load_gain: float = 1e-9,
+    false_contacts: float = FALSE_CONTACTS,
+    adapt: bool = True,
+) -> SpreadThreshold:
+    """Thresholds of joints with these spreads at rest and in motion, as identified."""
+    return SpreadThreshold(
+        np.array(spreads),
+        np.full(len(spreads), load_gain),
+        CYCLE,
+        false_contacts=false_contacts,
+        adapt=adapt,
+    )
+
+
+def step(target: SpreadThreshold, speed: float = 0.0, *, limited: bool = False) -> FloatArray:
+    """Thresholds of a tick in which all joints are to move at this speed."""
+    n = len(target.moving)
+    return target.step(np.full(n, speed), np.full(n, limited))
+
+
+def spread_now(target: SpreadThreshold, speed: float = 0.0) -> FloatArray:
+    return step(target, speed) / target.factor
+
+
+# -- factor -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("false_contacts", "factor"), [(0.1, 3.380), (1.0, 2.874), (5000.0, 1.0), (1e6, 1.0)]
+)
+def test_factor_by_hand(false_contacts: float, factor: float) -> None:
+    assert threshold_factor(false_contacts) == pytest.approx(factor, abs=1e-3)
+
+
+@given(st.floats(1e-4, 4999.0), st.floats(1.001, 100.0))
+def test_fewer_false_contacts_need_a_larger_factor(false_contacts: float, fewer: float) -> None:
+    factor = threshold_factor(false_contacts)
+    assert threshold_factor(false_contacts / fewer) > factor >= 1.0
+    # The tail is exponential: of all excursions in an hour, so many go beyond it.
+    assert EXCURSIONS * math.exp(-(factor - 1.0) / TAIL) == pytest.approx(false_contacts)
+
+
+# -- learning ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("start", [0.5, 1.0, 2.0])
+def test_spread_converges_to_the_quantile_of_the_residual(start: float) -> None:
+    scale, n = 0.004, 120_000  # 24 minutes
+    rng = np.random.default_rng(3)
+    residual = scale * np.column_stack(
+        (
+            rng.exponential(size=n) * rng.choice((-1.0, 1.0), size=n),
+            rng.standard_normal(n),
+            rng.uniform(-1.0, 1.0, n),
+        )
+    )
+    quantile = scale * np.array([LN_100, NORMAL_QUANTILE, 0.99])
+    np.testing.assert_allclose(
+        np.quantile(np.abs(residual), SPREAD_QUANTILE, axis=0), quantile, rtol=0.03
+    )
+    target = made(*((start * q, start * q) for q in quantile.tolist()))
+    seen = np.ones(3, dtype=np.bool_)
+    for row in residual:
+        target.learn(row, seen)
+    np.testing.assert_allclose(spread_now(target), quantile, rtol=0.2)
+
+
+@pytest.mark.parametrize("ticks", [12, 84, 840])
+def test_an_excursion_that_nothing_reports_hardly_widens_it(ticks: int) -> None:
+    target = made((0.01, 0.01))
+    seen = np.ones(1, dtype=np.bool_)
+    for _ in range(ticks):
+        target.learn(np.array([0.03]), seen)
+    assert 1.01 < spread_now(target)[0] / 0.01 <= 1.03
+    # The next one, after a moment within the spread, as much again.
+    target.learn(np.array([0.0]), seen)
+    for _ in range(ticks):
+        target.learn(np.array([-0.03]), seen)
+    assert spread_now(target)[0] / 0.01 == pytest.approx(1.024**2, rel=2e-3)
+
+
+def test_touches_that_nothing_reports_do_not_make_it_deaf() -> None:
+    """One of a second every twenty seconds, in noise with its quantile."""
+    n, scale = 50_000, 0.004
+    rng = np.random.default_rng(5)
+    residual = scale * rng.exponential(size=n)
+    period, touch = round(20.0 / CYCLE), round(1.0 / CYCLE)
+    touched = np.arange(n) % period < touch
+    residual[touched] = 3.0 * LN_100 * scale
+    target = made((LN_100 * scale, LN_100 * scale))
+    seen = np.ones(1, dtype=np.bool_)
+    for value in residual:
+        target.learn(np.array([value]), seen)
+    assert 1.0 < spread_now(target)[0] / (LN_100 * scale) < 1.5
+
+
+@pytest.mark.parametrize(("size", "change"), [(99.0, MAX_CHANGE), (0.0, 1.0 / MAX_CHANGE)])
+def test_spread_of_today_stays_near_the_identified_one(size: float, change: float) -> None:
+    target = made((0.02, 0.03))
+    seen = np.ones(1, dtype=np.bool_)
+    for k in range(70_000):
+        target.learn(np.array([size if k % 10 else 0.0]), seen)
+    np.testing.assert_allclose(spread_now(target), 0.02 * change, rtol=1e-9)
+    assert target.change[0] == 1.0  # it has not moved
+    np.testing.assert_allclose(spread_now(target, 1.0), 0.03, rtol=1e-9)
+
+
+def test_spread_falls_to_the_smallest_one_that_its_sensor_can_show() -> None:
+    spreads = make_records(SpreadState, 2, identified=[0.02, 0.004], today=[0.02, 0.004])
+    for _ in range(70_000):
+        learn_spread(spreads, 0, 0.0, 0.015)
+        learn_spread(spreads, 1, 0.0, 0.015)  # was identified below it
+    np.testing.assert_allclose(spreads["today"], [0.015, 0.004], rtol=1e-12)
+
+
+# -- thresholds -------------------------------------------------------------------------------------------------------
+
+
+def test_threshold_is_that_of_rest_or_of_motion() -> None:
+    target = made((0.01, 0.03), (0.02, 0.04))
+    np.testing.assert_allclose(step(target), FACTOR * np.array([0.01, 0.02]), rtol=1e-4)
+    speeds = np.array([1.01 * REST_SPEED, -0.99 * REST_SPEED])
+    threshold = target.step(speeds, np.zeros(2, dtype=np.bool_))
+    np.testing.assert_allclose(threshold, FACTOR * np.array([0.03, 0.02]), rtol=1e-4)
+    np.testing.assert_array_equal(target.moving, [True, False])
+    # A joint that stops still counts as moving for a while.
+    for k in range(MEMORY + 1):
+        moving = k < MEMORY - 1
+        assert step(target)[0] == pytest.approx(FACTOR * (0.03 if moving else 0.01), rel=1e-4)
+        assert target.moving[0] == moving
+    np.testing.assert_allclose(target.bounds, FACTOR * np.array([0.03, 0.04]), rtol=1e-4)
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_each_phase_learns_on_its_own_and_each_joint_that_is_seen(moving: bool) -> None:
+    target = made((0.01, 0.01), (0.01, 0.01))
+    step(target, 1.0 if moving else 0.0)
+    for k in range(1000):
+        target.learn(np.array([0.05 if k % 10 else 0.0, 0.05]), np.array([True, False]))
+    assert target.change[0] == pytest.approx(MAX_CHANGE if moving else 1.0)
+    assert target.change[1] == 1.0
+    rest = step(made((0.01, 0.01)))[0]
+    for _ in range(MEMORY):
+        threshold = step(target)
+    assert threshold[0] == pytest.approx(rest if moving else MAX_CHANGE * rest)
+    assert threshold[1] == pytest.approx(rest)
+
+
+def test_no_threshold_is_below_the_smallest_torque_or_a_step_of_the_encoder() -> None:
+    # A soft joint, 4 N m/rad, of which nearly nothing is seen in free motion.
+    soft = made((1e-5, 1e-5), load_gain=0.25)
+    np.testing.assert_allclose(step(soft), MIN_TORQUE * 0.25)
+    np.testing.assert_allclose(soft.bounds, MIN_TORQUE * 0.25)
+    stiff = made((1e-5, 1e-5))
+    np.testing.assert_allclose(step(stiff), FACTOR * MIN_SPREAD, rtol=1e-4)
+    # Nor does learning lead below it.
+    for _ in range(60_000):
+        stiff.learn(np.zeros(1), np.ones(1, dtype=np.bool_))
+    np.testing.assert_allclose(step(stiff), FACTOR * MIN_SPREAD, rtol=1e-4)
+
+
+def test_a_command_that_the_gate_alters_doubles_the_threshold_as_long_as_it_does() -> None:
+    target = made((0.01, 0.01), (1e-5, 1e-5), load_gain=0.25)
+    plain = step(target)
+    np.testing.assert_allclose(
+        target.step(np.zeros(2), np.array([True, False])), plain * [LIMITED_FACTOR, 1.0]
+    )
+    np.testing.assert_allclose(step(target, limited=True), plain * LIMITED_FACTOR)
+    np.testing.assert_array_equal(step(target), plain)
+
+
+def test_without_adaptation_thresholds_are_those_identified() -> None:
+    target = made((0.01, 0.02), adapt=False)
+    for k in range(200):
+        step(target, 1.0)
+        target.learn(np.array([9.0 if k % 10 else 0.0]), np.ones(1, dtype=np.bool_))
+    assert target.change[0] == 1.0
+    assert step(target, 1.0)[0] == pytest.approx(FACTOR * 0.02, rel=1e-4)
+
+
+def test_a_joint_without_a_model_has_no_threshold() -> None:
+    target = made((math.nan, math.nan), (0.01, 0.01))
+    for speed in (0.0, 1.0):
+        np.testing.assert_array_equal(np.isnan(step(target, speed)), [True, False])
+    np.testing.assert_array_equal(np.isnan(target.bounds), [True, False])
+
+
+def test_reset_forgets_the_session() -> None:
+    target = made((0.01, 0.01))
+    step(target, 1.0)
+    for k in range(1000):
+        target.learn(np.array([0.05 if k % 10 else 0.0]), np.ones(1, dtype=np.bool_))
+    assert target.change[0] > 1.5
+    target.reset()
+    assert target.change[0] == 1.0
+    assert not target.moving.any()
+    assert step(target)[0] == pytest.approx(FACTOR * 0.01, rel=1e-4)
