@@ -78,6 +78,7 @@ def test_equal_sets_give_equal_bytes_without_times_or_paths(tmp_path: Path) -> N
         "threshold": {"HeadYaw": math.radians(2.5), "LHand": math.radians(2.5)},
         "version": "0.0.0",
         "base": None,
+        "measured": None,
         "created_by": "pepper identify",
     }
 

