@@ -130,7 +130,7 @@ class ContactObserver(Observer):
         self._resting_state[self._numb] = JointState.DOUBTFUL
         for name in numb_joints(models):
             LOG.warning(
-                "%s detects nothing: its identified threshold is beyond %.0f deg, which no touch reaches",
+                "%s detects nothing: its residual in free motion is beyond %.0f deg, which hardly any touch reaches",
                 name,
                 np.degrees(MAX_SPREAD),
             )
@@ -282,7 +282,7 @@ def _sizes(tick: Tick) -> tuple[int, ...]:
 
 
 def numb_joints(models: ModelSet) -> tuple[str, ...]:
-    """Return the joints whose identified thresholds are so high that they never show a touch; of kind ``fusion``."""
+    """Return the joints whose identified spreads are so large that they never show a touch; of kind ``fusion``."""
     return tuple(
         name
         for name, model in models.models.items()
