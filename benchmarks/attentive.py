@@ -5,6 +5,10 @@ of time in which joints slide, the longest time in which one does not, gear trav
 measured; what the motors warm by them in the end follows from the plant. Each joint is sized by its true friction, as a
 perfect identification would give it. No observer takes part.
 
+Joint, with --joint: each arm joint of these robots alone, in the stick-slip model of the observer, without noise. A
+touch of 5 N on the hand begins at each phase of the oscillation, against and along it, on the day of the identification
+and on days with less and more friction. It shows once both position and drive differ by 0.4 deg from those without it.
+
 Touch, with --touch: N90 by place. Each robot is identified as by its owner, and people touch it as in the row `even` of
 the judge, in the state `attentive`: `fusion`, and the momentum observer for comparison.
 
@@ -44,12 +48,14 @@ from pepper_driver.config.population import parse_draws
 from pepper_driver.config.settings import AttentiveSettings, Wave
 from pepper_driver.config.touch_suites import load_touch_suites
 from pepper_driver.controller import RobotModel, Tick
+from pepper_driver.controller.dither import Dither
 from pepper_driver.evaluation.touch.n90 import ForceTouch, n90
 from pepper_driver.evaluation.touch.observers import FUSION, ModelFiles
 from pepper_driver.evaluation.touch.scoring import score_take
 from pepper_driver.evaluation.touch.split import CALIBRATION, EXPERIMENT, take_and_hear
 from pepper_driver.evaluation.touch.takes import TakeSpec, plan_takes
 from pepper_driver.identification import identify_population
+from pepper_driver.observer.models.stick_slip import StickSlipModel, StickSlipParameters
 
 POPULATION = "random"
 STATE, ROW = "attentive", "even"
@@ -71,6 +77,15 @@ OVER, MIN_SPEED = (
     5,
     0.006,
 )  # cycles over which a speed is taken, and the one above which a joint slides [rad/s]
+LEVERS = {
+    "LShoulderPitch": 0.4,
+    "LShoulderRoll": 0.4,
+    "LElbowYaw": 0.15,
+    "LElbowRoll": 0.22,
+}  # [m] of the hand
+TOUCH, TOUCH_TIME, RISE, VISIBLE = 5.0, 1.0, 0.1, 0.4  # [N], [s], [s], [deg]
+DAYS = (0.8, 1.0, 1.25)  # friction of a day over that of the identification
+PHASES = 16
 MAX_SECONDS, MAX_DEGREES, MAX_PERIOD = 3600.0, 5.0, 60.0
 OFF = "off"
 
@@ -193,6 +208,72 @@ def hand_motion(robot: RobotConfig, position: FloatArray) -> float:
     return float(np.linalg.norm(away, axis=1).max())
 
 
+# -- one joint --------------------------------------------------------------------------------------------------------
+
+
+def show(draw: int, case: Case) -> Result:
+    """Joints of one robot alone, touched: delays after which the touch shows [s], sliding and travel."""
+    robot = load_robot()
+    pepper = Pepper(f"mujoco://?plant={POPULATION}&draw={draw}", observer=None, robot=robot)
+    settings = sized(pepper, case, load_controller_settings(robot)).attentive
+    plant = pepper.backend.plant
+    config = plant.config
+    assert config is not None
+    proportional, integral = config.per_joint("kp", robot), config.per_joint("ki", robot)
+    breakaway = config.per_joint("friction.breakaway", robot)
+    periods = np.arange(0.0, 3.0 * case.period + TOUCH_TIME + 1.0, robot.cycle)
+    delays: list[float | None] = []
+    slides, travel = [], []
+    for (name, lever), day in itertools.product(LEVERS.items(), DAYS):
+        j, motor, drive = robot.joint_index(name), robot.motors.of(name), robot.motors.joints[name]
+        stiffness = float(plant.stiffness[j])
+        parameters = StickSlipParameters(
+            inertia=motor.rotor_inertia * drive.ratio**2 / stiffness,
+            lag=motor.torque_constant * drive.ratio / float(proportional[j]),
+            friction=day * float(plant.friction[j] / breakaway[j]) / stiffness,
+            load_friction=0.0,
+            breakaway=float(breakaway[j]),
+            load_gain=1.0 / stiffness,
+            offset=0.0,
+            dead_band=0.0,
+            integral_rate=float(integral[j] / proportional[j]),
+            transport=0.0,
+        )
+        command = oscillation(robot, settings, name, len(periods))
+        model = StickSlipModel.from_parameters([parameters], robot.cycle)
+        free = model.play(0, command[0], command, np.zeros_like(command)).copy()
+        late = free["position"][round(case.period / robot.cycle) :]
+        slides.append(float(sliding(late[:, None], robot.cycle).mean()))
+        travel.append(float(np.abs(np.diff(late)).sum() / (len(late) - 1) / robot.cycle * 3600.0))
+        for onset, sign in itertools.product(np.arange(PHASES) / PHASES, (1.0, -1.0)):
+            time = periods - (1.0 + onset) * case.period
+            acts = (time >= 0.0) & (time < TOUCH_TIME)
+            load = sign * TOUCH * lever * np.minimum(time / RISE, 1.0) * acts
+            touched = model.play(0, command[0], command, load)
+            moved = touched["position"] - free["position"]
+            driven = touched["integral"] - free["integral"] - moved
+            shows = np.minimum(np.abs(moved), np.abs(driven)) > np.radians(VISIBLE)
+            first = np.flatnonzero(shows & acts)
+            delays.append(float(time[first[0]]) if len(first) else None)
+    return {"delays": delays, "sliding": slides, "travel": travel}
+
+
+def oscillation(
+    robot: RobotConfig, settings: AttentiveSettings, joint: str, ticks: int
+) -> FloatArray:
+    """Return the (ticks,) oscillation of a joint at its full size [rad]."""
+    dither, j = Dither(robot, settings, robot.cycle), robot.joint_index(joint)
+    dither.enabled = True
+    middle = (robot.lower + robot.upper) / 2.0
+    command = np.empty(ticks)
+    for _ in range(round(settings.fade_time / robot.cycle) + 1):
+        dither.step(middle)
+    for tick in range(ticks):
+        dither.step(middle)
+        command[tick] = dither.position[j]
+    return command
+
+
 # -- touch ------------------------------------------------------------------------------------------------------------
 
 
@@ -312,6 +393,27 @@ def size_table(results: dict[str, Result]) -> Table:
     return table
 
 
+def joint_table(results: dict[str, Result], cases: Sequence[Case]) -> Table:
+    """Return a row for each case."""
+    table = Table(
+        "oscillation", "slides", "travel, rad/h", "touches that show", "after (median), ms", "after (p90), ms",
+        title=f"Stick-slip model of one joint: touches of {TOUCH:g} N on the hand",
+    )  # fmt: skip
+    for case in cases:
+        runs = [run for name, run in results.items() if name.endswith(f"joint {case.name}")]
+        delays = [delay for run in runs for delay in run["delays"]]
+        # A touch that does not show is later than any that does.
+        ranked = np.sort([np.inf if delay is None else delay for delay in delays])
+        table.add_row(
+            case.name,
+            f"{np.mean([run['sliding'] for run in runs]):.2f}",
+            f"{np.mean([run['travel'] for run in runs]):.0f}",
+            f"{np.isfinite(ranked).mean():.3f}",
+            *(f"{1e3 * ranked[int(part * (len(ranked) - 1))]:.0f}" for part in (0.5, 0.9)),
+        )
+    return table
+
+
 def touch_table(results: dict[str, Result], cases: Sequence[Case]) -> Table:
     """Return a row for each case, observer and place."""
     table = Table(
@@ -355,6 +457,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--periods", nargs="+", type=float, default=PERIODS, help="[s]")
     parser.add_argument("--seconds", type=float, default=60.0, help="of motion of each robot")
     parser.add_argument("--no-motion", action="store_true", help="leave the motion out")
+    parser.add_argument("--joint", action="store_true", help="when a touch shows on one joint")
     parser.add_argument("--touch", action="store_true", help="measure N90")
     parser.add_argument("--touches", type=int, help="of each take; by default all")
     parser.add_argument(
@@ -394,6 +497,9 @@ def main() -> int:
             for draw, case in itertools.product(draws, (None, *cases)):
                 name = f"{POPULATION} {draw} motion {OFF if case is None else case.name}"
                 runs[name] = partial(move, draw, case, given.seconds)
+        if given.joint:
+            for draw, case in itertools.product(draws, cases):
+                runs[f"{POPULATION} {draw} joint {case.name}"] = partial(show, draw, case)
         if given.touch:
             models = identify(draws, given.folder, given.jobs, progress)
             for draw, case in itertools.product(models, cases):
@@ -410,6 +516,8 @@ def main() -> int:
         console.print(motion_table(motion, (None, *cases)))
         if given.sizes:
             console.print(size_table(motion))
+    if given.joint:
+        console.print(joint_table(results, cases))
     if given.touch:
         console.print(touch_table(results, cases))
     return 0
