@@ -124,7 +124,7 @@ def sized(pepper: Pepper, case: Case | None, settings: ControllerSettings) -> Co
     assert plant.config is not None
     breakaway = plant.config.per_joint("friction.breakaway", pepper.config)
     # One way in motion, the other way at rest: half of both.
-    half = plant.friction * (1.0 + breakaway) / (2.0 * breakaway) / plant.stiffness
+    half = plant.friction * (1.0 + breakaway) / 2.0 / plant.stiffness
     attentive = settings.attentive if case is None else case.settings(settings.attentive)
     return replace(settings, attentive=attentive).with_friction(
         dict(zip(pepper.config.joint_names, half.tolist(), strict=True))
@@ -230,7 +230,7 @@ def show(draw: int, case: Case) -> Result:
         parameters = StickSlipParameters(
             inertia=motor.rotor_inertia * drive.ratio**2 / stiffness,
             lag=motor.torque_constant * drive.ratio / float(proportional[j]),
-            friction=day * float(plant.friction[j] / breakaway[j]) / stiffness,
+            friction=day * float(plant.friction[j]) / stiffness,
             load_friction=0.0,
             breakaway=float(breakaway[j]),
             load_gain=1.0 / stiffness,
@@ -340,9 +340,8 @@ def of_group(names: Sequence[str], group: str) -> list[int]:
 def motion_table(results: dict[str, Result], cases: Sequence[Case | None]) -> Table:
     """Return a row for each case, board law and group of joints."""
     columns = ["oscillation", "boards", "joints", "slides", "least", "longest pause, s"]
-    columns += ["swing, deg", "travel, rad/h", "current, A", "warmer by, K", "hand, mm"]
+    columns += ["swing, deg", "travel, rad/h", "current, A", "heat, K", "hottest, K", "hand, mm"]
     table = Table(*columns, title="Simulated: nothing touches the standing robot")
-    still = {name: run for name, run in results.items() if f" {OFF}" in name}
     for case, law, group in itertools.product(cases, ("nominal", "integral"), ("arms", "head")):
         ending = f" {OFF}" if case is None else f" {case.name}"
         runs = {n: r for n, r in results.items() if n.endswith(ending) and r.get("law") == law}
@@ -353,11 +352,6 @@ def motion_table(results: dict[str, Result], cases: Sequence[Case | None]) -> Ta
         def values(key: str, of: dict[str, Result] = runs, at: list[int] = joints) -> FloatArray:
             return np.array([np.array(run[key])[at] for run in of.values()])
 
-        heat = values("heat")
-        warmer = "-"
-        rest = {name: still[f"{name.removesuffix(ending)} {OFF}"] for name in runs if case}
-        if rest:
-            warmer = f"{(heat - values('heat', rest)).max():.1f}"
         hand = max(run["hand"] for run in runs.values())
         table.add_row(
             "none" if case is None else case.name,
@@ -369,7 +363,8 @@ def motion_table(results: dict[str, Result], cases: Sequence[Case | None]) -> Ta
             f"{values('moved_deg').mean():.1f}",
             f"{values('travel').mean():.0f}",
             f"{values('current').mean():.2f}",
-            warmer,
+            f"{values('heat').mean():.0f}",
+            f"{values('heat').max():.0f}",
             f"{1e3 * hand:.1f}" if group == "arms" else "",
         )
     return table

@@ -53,7 +53,7 @@ from pepper_driver.experiments.player import OnStep, Player
 from pepper_driver.experiments.reports import ExperimentReport
 from pepper_driver.log import LogError, LogWriter, run_metadata
 from pepper_driver.loop import Labelling, Loop
-from pepper_driver.observer import Contact, Observation, Observer
+from pepper_driver.observer import Contact, ContactObserver, ModelSet, Observation, Observer
 from pepper_driver.observers import (
     check_observer,
     friction_errors,
@@ -110,8 +110,8 @@ class Pepper(CallbackRegistry):
         observer: Name of an observer, an observer, or None to detect nothing.
         models: Model file of the observer, by default the one shipped for this robot, or for a plant that it extends.
             A robot over NAOqi is also told the response delay that was measured for it, unless the URI has one, and
-            speeds that were measured replace the controller's default limits. Where ``controller`` has none, the
-            friction of its joints sizes the oscillation of an attentive robot.
+            speeds that were measured replace the controller's default limits. The friction of the joints sizes the
+            oscillation of an attentive robot, unless ``controller`` has its own.
         log: Where to write the MCAP log; None for no log.
         reflexes: Reactions inside the tick, asked in the order of their priority.
         real_time: Pace a simulation to the wall clock.
@@ -186,8 +186,11 @@ class Pepper(CallbackRegistry):
                 measured.speeds
             )
         if not self._controller_settings.attentive.friction_deg:
+            known: Path | ModelSet | None = self._models
+            if known is None and isinstance(self.observer, ContactObserver):
+                known = self.observer.models
             self._controller_settings = self._controller_settings.with_friction(
-                friction_errors(self._models)
+                friction_errors(known)
             )
         make_solver(self._controller_settings.solver)  # now, and not once the robot is connected
         self._safety_settings = safety or load_safety_settings()
