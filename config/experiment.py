@@ -132,7 +132,7 @@ class Experiment:
         seed: Of random goals and contacts, where none other is given.
         plant, world: Of a simulated robot; None for the backend's own.
         observer: Detects the touches; None without an observer, the default of a file of steps alone.
-        attentive: True: the arm joints oscillate by a little, so that a standing robot detects more; None leaves it.
+        attentive: True: arms and head oscillate by a little, so that the robot detects more; None leaves it.
         stiffness: Of the posture task from the beginning on [1/s2]; None for the usual one.
         reactions: To touch.
         contacts: Given to a simulated robot. Others skip them.

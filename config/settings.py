@@ -40,34 +40,63 @@ class ConstraintSwitches:
     balance: bool
 
 
+Wave = Literal["sine", "triangle", "glide"]
+"""Wave forms of an attentive robot. A ``triangle`` has a constant speed between its turns, which are rounded. A
+``glide`` crosses in each turn what the friction of the joint takes away: the joint slides nearly all the time."""
+
+MAX_TURNING = 0.9
+"""Part of a swing that a ``glide`` crosses in its turn, at most: the rest is for sliding."""
+
+
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class AttentiveSettings:
     """Oscillation of an attentive robot, on top of posture and motion.
 
     Attributes:
-        joints: That oscillate; their phases are spread evenly over the period in this order.
+        joints: That oscillate; those of a limb never turn at the same time.
+        wave: Its form.
         amplitude_deg: Of a joint whose friction is unknown [deg].
         slide_deg: Part of the amplitude beyond the friction of a joint, where it is known [deg].
         max_amplitude_deg: Of any joint [deg].
-        frequency: [Hz]
+        period: [s]
+        turn_time: Duration of a turn of ``triangle`` and ``glide`` [s].
         fade_time: From rest to the full amplitude, and back [s].
-        friction_deg: By joint whose friction was identified, the error at which it gives way [deg].
+        max_temperature: Of a motor [deg C]; the joint of a hotter one stands still.
+        friction_deg: By joint whose friction was identified, half of what it takes away from a swing [deg].
     """
 
     joints: list[str]
+    wave: Wave
     amplitude_deg: Annotated[float, Field(ge=0, le=5)]
     slide_deg: Annotated[float, Field(ge=0, le=5)]
     max_amplitude_deg: Annotated[float, Field(ge=0, le=5)]
-    frequency: Annotated[float, Field(gt=0, le=2)]
+    period: Annotated[float, Field(ge=0.5, le=60)]
+    turn_time: Annotated[float, Field(ge=0.1, le=10)]
     fade_time: Annotated[float, Field(ge=0.5, le=60)]
+    max_temperature: float
     friction_deg: dict[str, NonNegative] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        """Check what spans fields: two turns fit into a period, and some sliding between them."""
+        if self.turn_time > 0.4 * self.period:
+            raise ValueError("'turn_time' must not be above 0.4 of 'period'")
+
     def amplitude(self, joint: str) -> float:
-        """Return the amplitude of a joint [rad]: a little more than its friction and half its backlash take away."""
+        """Return the amplitude of a joint [rad]: more than its friction takes away."""
         if joint not in self.friction_deg:
             return float(np.radians(self.amplitude_deg))
         wanted = self.friction_deg[joint] + self.slide_deg
         return float(np.radians(min(wanted, self.max_amplitude_deg)))
+
+    def turning(self, joint: str) -> float:
+        """Return the part of a swing that a joint crosses in its turn, 0 to MAX_TURNING: what friction takes away.
+
+        It is 0 for a joint whose friction is unknown: if it is less than assumed, the joint would jump.
+        """
+        amplitude = self.amplitude(joint)
+        if self.wave != "glide" or joint not in self.friction_deg or amplitude == 0.0:
+            return 0.0
+        return min(float(np.radians(self.friction_deg[joint])) / amplitude, MAX_TURNING)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -116,7 +145,11 @@ class ControllerSettings:
         return replace(self, velocity_limit=self.velocity_limit | limits)
 
     def with_friction(self, errors: Mapping[str, float]) -> Self:
-        """Return the settings for a robot whose joints give way at these tracking errors, by joint [rad]."""
+        """Return the settings for a robot of which friction takes so much away from each swing, by joint [rad].
+
+        Args:
+            errors: Half of what it takes away from peak to peak.
+        """
         friction = {name: float(np.degrees(error)) for name, error in errors.items()}
         return replace(self, attentive=replace(self.attentive, friction_deg=friction))
 

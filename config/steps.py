@@ -155,7 +155,7 @@ class Step(AnyStep, Cues):
         posture, joints, hands: Posture by name; joints with angles [rad]; hands with apertures, 0 closed to 1 open.
             The latter win over the former; what is not named stays.
         stiffness: Of the posture task [1/s2], from here on.
-        attentive: The arm joints oscillate by a little, or no longer, from here on.
+        attentive: Arms and head oscillate by a little, or no longer, from here on.
         position, orientation, pose, look_at, com, base: Tasks, one or a list of each.
         base_velocity: Of the base while the step lasts.
     """

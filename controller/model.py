@@ -120,6 +120,12 @@ class RobotModel:
         part: FloatArray = vector[self._velocity_columns]
         return part
 
+    def of_joints(self, values: FloatArray) -> FloatArray:
+        """Return the (20,) model vector of (17,) values of the joints, with a base at rest."""
+        vector = np.zeros(self.nv)
+        vector[self._velocity_columns] = values
+        return vector
+
     # -- frames -------------------------------------------------------------------------------------------------
 
     def body_frame(

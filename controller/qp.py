@@ -137,6 +137,7 @@ class QuadraticProgram:
         self.hessian, self.gradient = np.zeros((nv, nv)), np.zeros(nv)
         self._moved = np.zeros(nv)
         self._feedback, self._cost = _feedback.load(), _cost.load()
+        self._superposed: FloatArray | None = None
         # Whatever the solver in use: this one decides, in a bounded time, if there is a solution.
         self._exact = DaqpSolver()
         self.allocate((), None)
@@ -161,6 +162,7 @@ class QuadraticProgram:
 
     def assemble(self, model: RobotModel, dt: float) -> None:
         """Evaluate all tasks at the model's state and form the cost."""
+        self._superposed = None
         with_reference = []
         for block in self._blocks:
             task = block.task
@@ -195,6 +197,11 @@ class QuadraticProgram:
             self.hessian,
             self.gradient,
         )
+
+    def superpose(self, acceleration: FloatArray) -> None:
+        """Have the tasks ask for (20,) accelerations more: those of a motion that is added to all of them."""
+        self._superposed = acceleration
+        self.gradient -= self.hessian @ acceleration
 
     def _take_gains(self, block: TaskBlock) -> None:
         gains, place = block.task.gains, block.place
@@ -297,6 +304,8 @@ class QuadraticProgram:
 
     def acceleration_errors(self, acceleration: FloatArray) -> list[tuple[Task, FloatArray, float]]:
         """Return every task with the errors of (20,) accelerations in its rows of the last cycle, and their cost."""
+        if self._superposed is not None:
+            acceleration = acceleration - self._superposed
         acceleration_error = (self._jacobian * self._mask) @ acceleration - self._requested
         cost = self._weight * acceleration_error**2
         return [

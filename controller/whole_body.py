@@ -24,7 +24,7 @@ from pepper_driver.controller.constraints import (
     standard_constraints,
 )
 from pepper_driver.controller.constraints.constraint import RowCheck
-from pepper_driver.controller.dither import Dither
+from pepper_driver.controller.dither import Dither, Superposition
 from pepper_driver.controller.errors import (
     GainError,
     PartError,
@@ -91,7 +91,7 @@ class WholeBodyController:
         odometry: Pose of the base from its wheels.
         return_speed: Largest speed of joints that a reflex has released [rad/s].
         min_return_time: Smallest time of their return [s].
-        dither: Small oscillation that is added to the posture task; off at the start.
+        dither: Small oscillation that is added to the motion of all tasks; off at the start.
         hold: True if only the posture task acts and the base comes to rest. All other tasks pause meanwhile.
 
     Raises:
@@ -122,7 +122,7 @@ class WholeBodyController:
         self._solver = make_solver(settings.solver)
         self._program = QuadraticProgram(self.model.nv, settings.regularisation, settings.rest_rate)
         self.odometry = Odometry(robot)
-        self.dither = Dither(robot, settings.attentive, self._dt)
+        self.dither = Dither(robot, settings.attentive, self._dt, margin=settings.position_margin)
         self._feedback: Feedback | None = None
         if settings.feedback == "joints":
             fraction = min(1.0, self._dt / settings.feedback_time)
@@ -237,7 +237,6 @@ class WholeBodyController:
             task.stop()
         self.odometry.reset()
         self.dither.reset()
-        self.posture.superpose(None)
         self._q = self._before = self.model.configuration(position)
         self._v = np.zeros(self.model.nv)
         self._acceleration = np.zeros(self.model.nv)
@@ -349,12 +348,10 @@ class WholeBodyController:
             self.odometry.update(measurement.wheel_speed, dt)
             if self._feedback is not None:
                 model.set_state(self._feedback.configuration(q, measurement, answered), v)
-        dithering = self.dither.active
-        if dithering:
-            self.posture.superpose(self.dither.step())
-        acceleration = self._solve(q, v)
-        if dithering and not self.dither.active:
-            self.posture.superpose(None)
+        superposed = None
+        if self.dither.active:
+            superposed = self.dither.step(model.joints_of_configuration(q) - self.dither.position)
+        acceleration = self._solve(q, v, superposed)
         self._acceleration = acceleration
         velocity = np.empty_like(v)
         self._advance(v, acceleration, dt, self._displacement, velocity)
@@ -369,14 +366,22 @@ class WholeBodyController:
             base_twist=v[:BASE],
         )
 
-    def _solve(self, q: FloatArray, v: FloatArray) -> FloatArray:
+    def _solve(self, q: FloatArray, v: FloatArray, superposed: Superposition | None) -> FloatArray:
         """Return (20,) accelerations."""
         model, program, box = self.model, self._program, self._box
         if not self._allocated or self.hold is not self._holding:
             self._allocate()
-        if self._needs_kinematics:
+        if superposed is None:
+            self._assemble()
+        else:
+            # Tasks are evaluated as if there were no oscillation, limits with it.
+            seen = model.q, model.v
+            model.set_state(*self._still(superposed))
+            self._assemble()
+            program.superpose(model.of_joints(superposed.acceleration))
+            model.set_state(*seen)
+        if self._constraints_need_kinematics:
             model.update_kinematics()
-        program.assemble(model, self._dt)
         box.update(q, v, self._acceleration)
         self._active = []
         waiting = self._lazy
@@ -397,6 +402,18 @@ class WholeBodyController:
             return result.acceleration
         braking: FloatArray = np.minimum(np.maximum(-v / self._dt, box.lower), box.upper)
         return braking
+
+    def _assemble(self) -> None:
+        """Form the cost at the state of the model."""
+        if self._tasks_need_kinematics:
+            self.model.update_kinematics()
+        self._program.assemble(self.model, self._dt)
+
+    def _still(self, superposed: Superposition) -> tuple[FloatArray, FloatArray]:
+        """Return configuration and velocity of the model without a motion that is superposed."""
+        model = self.model
+        q = model.with_joint_position(model.q, model.joint_position - superposed.position)
+        return q, model.v - model.of_joints(superposed.velocity)
 
     def _activate(self, constraints: Sequence[Constraint]) -> bool:
         """Add the rows of constraints; return True if there are any."""
@@ -434,8 +451,8 @@ class WholeBodyController:
         self._program.allocate(tasks, self.model)
         self._lazy = [constraint for constraint in self._constraints if constraint.lazy]
         self._eager = [constraint for constraint in self._constraints if not constraint.lazy]
-        parts: Sequence[Task | Constraint] = [*tasks, *self._constraints]
-        self._needs_kinematics = any(part.needs_kinematics for part in parts)
+        self._tasks_need_kinematics = any(task.needs_kinematics for task in tasks)
+        self._constraints_need_kinematics = any(c.needs_kinematics for c in self._constraints)
 
     # -- status -------------------------------------------------------------------------------------------------
 

@@ -152,6 +152,11 @@ class ContactObserver(Observer):
         self._history.reset()
         self._tracker.reset()
 
+    @property
+    def models(self) -> ModelSet:
+        """Models of the robot."""
+        return self._models
+
     def describe(self) -> str:
         """Return one line: mode, models, thresholds."""
         known = np.degrees(self._generator.bounds[~self._generator.no_model])

@@ -21,6 +21,7 @@ from pepper_driver.log.topics import EventPhase
 from pepper_driver.observer import Observation, Observer
 from pepper_driver.realtime import StageTimes
 from pepper_driver.reflexes import Arbiter
+from pepper_driver.reflexes.attentive import AttentiveNote
 from pepper_driver.safety import FaultError, FaultReason, SafetyGate
 from pepper_driver.safety.plugins import describe_failure
 from pepper_driver.telemetry import TelemetryServer
@@ -137,11 +138,18 @@ class Loop:
         self._telemetry = telemetry
 
     def set_attentive(self, value: bool) -> None:
-        """Begin or end to oscillate by a little on top of the posture, from the next tick on."""
+        """Begin or end to oscillate by a little on top of any motion, from the next tick on."""
         if value != self.arbiter.attentive:
             self.arbiter.attentive = value
             phase: EventPhase = "begin" if value else "end"
             self.log_event(LogEvent(time=self.time, kind="attentive", phase=phase))
+
+    def _log_note(self, note: AttentiveNote, time: float) -> None:
+        """Log what limits an attentive robot."""
+        event = LogEvent(
+            time=time, kind="attentive", phase="update", joints=(note.joint,), text=note.text
+        )
+        self.log_event(event)
 
     def log_event(self, event: LogEvent) -> None:
         """Log what happened outside the stages of a tick."""
@@ -185,6 +193,8 @@ class Loop:
                 observation = self.observer.step(tick)
             marks.append(now())
             events += self.arbiter.step(observation, measurement)
+            for note in self.arbiter.notes:
+                self._log_note(note, measurement.time)
             marks.append(now())
             reference = self._controller.step(measurement, tick.sent.position)
             marks.append(now())

@@ -194,7 +194,10 @@ def measured_robot(models: Path | ModelSet | None) -> MeasuredRobot | None:
 
 
 def friction_errors(models: Path | ModelSet | None) -> dict[str, float]:
-    """Return by joint the tracking error at which it gives way [rad]: friction at rest, and the board's dead band.
+    """Return by joint half of what it takes away from a swing, from peak to peak [rad].
+
+    The motor turns from friction in motion one way to friction at rest the other way, through the board's dead band. A
+    gap is not in the models: motor and link cross it while friction holds the link, which takes time, but no command.
 
     Args:
         models: Those of the robot, or their file; None for none. Only those of kind ``fusion`` have friction.
@@ -206,7 +209,7 @@ def friction_errors(models: Path | ModelSet | None) -> dict[str, float]:
         return {}
     known = models if isinstance(models, ModelSet) else ModelSet.load(models)
     return {
-        joint: model.twin.friction * model.twin.breakaway + model.twin.dead_band
+        joint: model.twin.friction * (1.0 + model.twin.breakaway) / 2.0 + model.twin.dead_band
         for joint, model in known.models.items()
         if isinstance(model, FusionModel)
     }

@@ -53,7 +53,7 @@ from pepper_driver.experiments.player import OnStep, Player
 from pepper_driver.experiments.reports import ExperimentReport
 from pepper_driver.log import LogError, LogWriter, run_metadata
 from pepper_driver.loop import Labelling, Loop
-from pepper_driver.observer import Contact, Observation, Observer
+from pepper_driver.observer import Contact, ContactObserver, ModelSet, Observation, Observer
 from pepper_driver.observers import (
     check_observer,
     friction_errors,
@@ -110,7 +110,8 @@ class Pepper(CallbackRegistry):
         observer: Name of an observer, an observer, or None to detect nothing.
         models: Model file of the observer, by default the one shipped for this robot, or for a plant that it extends.
             A robot over NAOqi is also told the response delay that was measured for it, unless the URI has one, and
-            speeds that were measured replace the controller's default limits.
+            speeds that were measured replace the controller's default limits. The friction of the joints sizes the
+            oscillation of an attentive robot, unless ``controller`` has its own.
         log: Where to write the MCAP log; None for no log.
         reflexes: Reactions inside the tick, asked in the order of their priority.
         real_time: Pace a simulation to the wall clock.
@@ -180,14 +181,17 @@ class Pepper(CallbackRegistry):
             raise LogError(f"{self._log_path}: cannot be written (it is a folder)")
         self._about = _texts(about or {})
         self._controller_settings = controller or load_controller_settings(self.config)
-        if controller is None:
-            self._controller_settings = self._controller_settings.with_friction(
-                friction_errors(self._models)
+        if controller is None and measured is not None:
+            self._controller_settings = self._controller_settings.with_measured_speeds(
+                measured.speeds
             )
-            if measured is not None:
-                self._controller_settings = self._controller_settings.with_measured_speeds(
-                    measured.speeds
-                )
+        if not self._controller_settings.attentive.friction_deg:
+            known: Path | ModelSet | None = self._models
+            if known is None and isinstance(self.observer, ContactObserver):
+                known = self.observer.models
+            self._controller_settings = self._controller_settings.with_friction(
+                friction_errors(known)
+            )
         make_solver(self._controller_settings.solver)  # now, and not once the robot is connected
         self._safety_settings = safety or load_safety_settings()
         self._changes = Changes()
@@ -532,10 +536,12 @@ class Pepper(CallbackRegistry):
 
     @property
     def attentive(self) -> bool:
-        """True to detect lighter touches: the arm joints oscillate a little on top of posture and motion; may be set.
+        """True to detect lighter touches: arms and head oscillate a little on top of any motion; may be set.
 
         The oscillation of ``controller.yaml`` fades in, and out again, from the next tick on; before the start, from
-        the first one. Joints that a reflex has do not oscillate. :attr:`target` does not contain the oscillation.
+        the first one. Each joint oscillates by as much as its friction asks for, where the models of the robot have
+        it. Joints that a reflex has, or that are hot or soft, do not oscillate; a warning and the log say what limits
+        it. :attr:`target` does not contain the oscillation.
 
         Raises:
             TargetError: Not True or False; nothing changes.

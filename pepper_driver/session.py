@@ -188,7 +188,7 @@ class Session:
             parts: Tasks and constraints from the first tick on.
             log: File of the log, or None.
             telemetry: Streams the run from its first tick on; or None.
-            attentive: True to oscillate by a little on top of the posture.
+            attentive: True to oscillate by a little on top of any motion.
 
         Raises:
             PepperError: The robot or the log cannot be opened, or the robot is not ready to move.
@@ -270,6 +270,7 @@ class Session:
             "fault": "" if fault is None else f"{fault.reason.value}: {fault.text}",
             "reflexes": [r.full_name for r in loop.arbiter.reflexes if r.active],
             "attentive": loop.arbiter.attentive,
+            "withheld": loop.arbiter.watch.withheld,
             "stages": loop.times.recent(),
             "missed": loop.times.missed,
         }

@@ -18,7 +18,9 @@ import pytest
 from numpy.typing import NDArray
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.identification import IdentifiedRobot
 from support import ROOT
+from support.fusion import fusion_set
 from support.observer import recording
 from support.stand_ins import patient_driver
 
@@ -508,71 +510,102 @@ def scripted(
     return ended.value.code, *capsys.readouterr()
 
 
-def test_runs_without_touch_are_made_once_and_shown_again(
+def test_motions_are_made_once_and_shown_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A minute's hundredth: what is measured is tested, not how much."""
+    """A second of one robot: what is measured is tested, not how much."""
     path = tmp_path / "attentive.json"
-    options = [
-        "--push-plants",
-        "--plants",
-        "integral",
-        "cold",
-        "--minutes",
-        "0.05",
-        "--json",
-        str(path),
-    ]
+    options = ["--draws", "0", "--waves", "glide", "--slides", "1", "--seconds", "1", "--sizes"]
+    options += ["--json", str(path)]
     status, out, err = scripted(ATTENTIVE, monkeypatch, capsys, *options)
-    assert (status, err.count("\n")) == (0, 3)
-    assert "1 of 3" in err
+    assert (status, err.count("\n")) == (0, 2)
     runs = json.loads(path.read_text())["runs"]
-    # Without the oscillation only where figures of heat and current are compared.
-    names = [
-        "development free integral 0 deg 0.05 min",
-        "development free integral 2 deg 0.05 min",
-        "development free cold 2 deg 0.05 min",
-    ]
-    assert sorted(runs) == sorted(names)
-    for result in runs.values():
-        assert result["false"] == []
-        assert set(result["current"]) == set(result["temperature_rise"])
-        assert max(result["current"].values()) > 0.0
+    assert list(runs) == ["random 0 motion off", "random 0 motion glide 1 deg 2.5 s"]
+    still, moving = runs.values()
+    assert still["law"] == moving["law"]
+    assert len(still["joints"]) == len(still["sliding"]) == len(still["heat"]) == 10
+    # Targets of boards stray a little, also at rest.
+    assert np.mean(still["sliding"]) < 0.1 < 0.5 < np.mean(moving["sliding"])
+    assert np.mean(moving["travel"]) > 5.0 * np.mean(still["travel"])
+    assert 0.0 < still["hand"] < moving["hand"]
     status, again, err = scripted(ATTENTIVE, monkeypatch, capsys, *options)
     assert (status, again, err) == (0, out, "")
-    assert out.count("│ 0.05 ") == 3
+    for cell in ("│ none ", "│ glide 1 deg 2.5 s ", "│ arms ", "│ head ", "│ LShoulderPitch "):
+        assert cell in out
 
 
-def test_pushes_are_counted_by_plant_amplitude_and_force(
+def test_a_touch_shows_on_one_joint(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = [
+        "--no-motion",
+        "--joint",
+        "--draws",
+        "0",
+        "--waves",
+        "sine",
+        "glide",
+        "--slides",
+        "1",
+    ]
+    status, out, err = scripted(ATTENTIVE, monkeypatch, capsys, *options)
+    assert (status, err.count("\n")) == (0, 2)
+    rows = [line.split("│") for line in out.splitlines() if " deg 2.5 s" in line]
+    assert [row[1].split()[0] for row in rows] == ["sine", "glide"]
+    sine, glide = ([float(cell) for cell in row[2:-1]] for row in rows)
+    assert glide[0] > sine[0], "it slides for longer"
+    assert glide[4] < sine[4], "and the last touches show earlier"
+
+
+def test_touches_of_own_models_give_n90(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "attentive.json"
-    run = {"detected": [[8.0, 0.15], [20.0, 0.11]], "missed": [3.0, 5.0, 8.0, 12.0]}
-    counts = {"false": 1, "before": 0, "after_release": 2, "on_trunk": 3, "fallen": False}
-    names = [f"test push nominal 2 deg {number}" for number in range(2)]
-    path.write_text(json.dumps({"runs": dict.fromkeys(names, run | counts)}))
-    options = ["--seeds", "test", "--push-plants", "nominal", "--amplitudes", "2", "--runs", "2"]
-    status, out, err = scripted(
-        ATTENTIVE, monkeypatch, capsys, *options, "--minutes", "0", "--json", str(path)
-    )
-    assert (status, err) == (0, "")
-    row = next(line for line in out.splitlines() if "nominal" in line)
-    # 2 of 4 by Clopper and Pearson: 0.068 to 0.932; 0 of 2: at most 0.842; 2 of 2: at least 0.158.
-    for cell in ("2 of 4 [0.07-0.93]", "0 of 2 [0.00-0.84]", "2 of 2 [0.16-1.00]", "130 ms"):
-        assert cell in row
-    assert [cell.strip() for cell in row.split("│")[-5:-1]] == ["2", "0", "6", "4"]
+    models = tmp_path / "own.json"
+    fusion_set().save(models)
+
+    def identified(uri: str, draws: list[int], *_: object, **more: Any) -> tuple[object, ...]:
+        robots = [
+            IdentifiedRobot(
+                draw=draw,
+                name=f"random-{draw}",
+                state="identified" if draw == 0 else "failed",
+                file=models if draw == 0 else None,
+                reason="" if draw == 0 else "it broke",
+                report={},
+            )
+            for draw in draws
+        ]
+        for robot in robots:
+            more["progress"](robot, 0, 0)
+        return tuple(robots)
+
+    monkeypatch.setattr("pepper_driver.identification.identify_population", identified)
+    options = ["--no-motion", "--touch", "--touches", "1", "--draws", "0-1"]
+    options += ["--waves", "glide", "--slides", "1", "--folder", str(tmp_path)]
+    options += ["--json", str(tmp_path / "touch.json")]
+    status, out, err = scripted(ATTENTIVE, monkeypatch, capsys, *options)
+    assert status == 0
+    assert "random-1: left out, it broke" in err
+    [run] = json.loads((tmp_path / "touch.json").read_text())["runs"].values()
+    # A touch of each of the two takes.
+    assert [len(run[name]["touches"]) for name in ("fusion", "momentum")] == [2, 2]
+    assert all(force > 0.0 for place, force, felt in run["fusion"]["touches"])
+    assert "│ fusion " in out
+    assert " of 1 " in out or " of 2 " in out
 
 
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        (["--plants", "nominl"], "nominl"),
-        (["--runs", "0"], "--runs"),
-        (["--minutes", "-1"], "--minutes"),
-        (["--minutes", "nan"], "--minutes"),
-        (["--amplitudes", "0", "7"], "amplitude"),
+        (["--draws", "0-x"], "0-x"),
+        (["--draws", "100"], "100"),
+        (["--waves", "square"], "square"),
+        (["--seconds", "-1"], "--seconds"),
+        (["--seconds", "nan"], "--seconds"),
+        (["--slides", "1", "7"], "--slides"),
+        (["--periods", "0"], "--periods"),
+        (["--touches", "0"], "--touches"),
         (["--jobs", "0"], "--jobs"),
-        (["--seeds", "mine"], "--seeds"),
         (["--json", str(ATTENTIVE)], "holds no results"),
         (["--json", "no/such/folder/figures.json"], "no/such/folder"),
     ],

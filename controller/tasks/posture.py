@@ -13,7 +13,6 @@ from pepper_driver.config import RobotConfig, UnknownNameError, load_robot
 from pepper_driver.config.arguments import checked_arguments, real_array
 from pepper_driver.config.arrays import FloatArray, IndexArray
 from pepper_driver.config.errors import check_name
-from pepper_driver.controller.dither import Superposition
 from pepper_driver.controller.errors import GainError, TargetError
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.controller.tasks.targets import Target, checked_joints, finite_vector
@@ -64,7 +63,6 @@ class PostureTask(Task):
         self._indices: slice | IndexArray = slice(None) if joints is None else indices
         self._lower, self._upper = robot.lower[indices], robot.upper[indices]
         self._target = (self._lower + self._upper) / 2
-        self._superposed: Superposition | None = None
 
     @property
     def target(self) -> FloatArray:
@@ -135,44 +133,15 @@ class PostureTask(Task):
         super().attach(model, rows)
         rows.jacobian[np.arange(self.rows), model.joint_columns[self._indices]] = 1.0
 
-    def superpose(self, motion: Superposition | None) -> None:
-        """Add a motion of all joints of the robot to targets and reference motion for one cycle; None removes it."""
-        before, self._superposed = self._superposed, motion
-        if (before is None) is not (motion is None):
-            self._update_has_reference()
-
-    def _update_has_reference(self) -> None:
-        super()._update_has_reference()
-        self.has_reference = self.has_reference or self._superposed is not None
-
     def compute(self, model: RobotModel, rows: TaskRows) -> None:
-        """Compute the error: target minus position [rad]; a superposed motion is part of the target."""
-        error = rows.error
-        np.subtract(self._target, model.joint_position[self._indices], error)
-        if self._superposed is not None:
-            error += self._superposed.position[self._indices]
-
-    def add_feedforward(self, rows: TaskRows) -> None:
-        """Add the reference motion and the superposed one."""
-        super().add_feedforward(rows)
-        if self._superposed is not None:
-            requested = rows.requested
-            requested += self._damping * self._superposed.velocity[self._indices]
-            requested += self._superposed.acceleration[self._indices]
-
-    def _relative_rate(self) -> FloatArray:
-        if self._superposed is None:
-            return self._rate
-        return self._rate - self._superposed.velocity[self._indices]
+        """Compute the error: target minus position [rad]."""
+        np.subtract(self._target, model.joint_position[self._indices], rows.error)
 
     def _plan(
         self, model: RobotModel, targets: list[FloatArray], durations: list[float], dt: float
     ) -> Trajectory:
         start = model.joint_position[self._indices]
         velocity = model.joint_velocity[self._indices].copy()
-        if self._superposed is not None:  # it continues during the motion
-            start = start - self._superposed.position[self._indices]
-            velocity -= self._superposed.velocity[self._indices]
         return vector_trajectory(np.array([start, *targets]), velocity, durations, dt)
 
     def _follow(self, target: FloatArray) -> None:

@@ -52,7 +52,8 @@ ModelsOption = Annotated[
 AttentiveOption = Annotated[
     bool,
     typer.Option(
-        "--attentive", help="Let the arm joints oscillate a little, to detect lighter touches."
+        "--attentive",
+        help="Let arms and head oscillate a little, to detect lighter touches.",
     ),
 ]
 

@@ -19,6 +19,7 @@ from pepper_driver.controller import WholeBodyController
 from pepper_driver.controller.constraints import Constraint
 from pepper_driver.controller.tasks import Task
 from pepper_driver.observer import Observation
+from pepper_driver.reflexes.attentive import AttentiveNote, AttentiveWatch
 from pepper_driver.reflexes.basic import Ignore
 from pepper_driver.reflexes.reflex import Reflex, ReflexError, kind_of
 from pepper_driver.reflexes.requests import BRAKING_STIFFNESS, ReflexRequests
@@ -76,6 +77,8 @@ class Arbiter:
         posture_stiffness: Stiffness of the posture task that they request [1/s2]; may be set.
         stiffness: (17,) stiffness of the motors 0..1 for this tick.
         paused: True while the robot comes to rest and stands, independent of the requests of user and motion.
+        watch: Watch over the joints of an attentive robot.
+        notes: What it said in this tick.
     """
 
     def __init__(
@@ -89,6 +92,8 @@ class Arbiter:
         self.target = controller.position
         self.posture_stiffness = controller.posture.stiffness
         self.stiffness = self._requests.stiffness
+        self.watch = AttentiveWatch(robot, controller.dither)
+        self.notes: list[AttentiveNote] = []
         self.paused = False
         self._rest: FloatArray | None = None  # where it stands while it is paused
         # Bytes of the posture that the posture task follows: the quickest to compare.
@@ -122,12 +127,13 @@ class Arbiter:
 
     @property
     def attentive(self) -> bool:
-        """True to oscillate by a little on top of the posture, with the joints that no reflex has; may be set."""
+        """True to oscillate by a little on top of any motion, with the joints that no reflex has; may be set."""
         return self.controller.dither.enabled
 
     @attentive.setter
     def attentive(self, value: bool) -> None:
         self.controller.dither.enabled = value
+        self.watch.reset()
 
     @property
     def holds(self) -> bool:
@@ -147,7 +153,7 @@ class Arbiter:
             self.stiffness = self._requests.stiffness
         self._watch_drive(measurement.time)
         self._follow_posture()
-        self._lead_dither()
+        self._lead_dither(measurement)
         return events
 
     def _ask_reflexes(
@@ -223,9 +229,11 @@ class Arbiter:
         if task.stiffness != stiffness:
             task.stiffness = stiffness
 
-    def _lead_dither(self) -> None:
-        """Keep the joints that a reflex has, or a pause, from oscillating."""
+    def _lead_dither(self, measurement: Measurement) -> None:
+        """Keep joints from oscillating: those that a reflex has, or a pause, and those that are hot or soft."""
+        self.notes = []
         if self.controller.dither.active:
+            self.notes = self.watch.step(measurement, self.stiffness)
             claimed = np.ones_like(self._requests.claimed) if self.holds else self._requests.claimed
             if np.count_nonzero(claimed):
                 self.controller.dither.suspend(claimed)

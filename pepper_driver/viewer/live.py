@@ -199,7 +199,8 @@ class LivePage(Page):
         if "reflexes" in status:  # a robot that is only served has none of this
             facts.append(f"reflex: {', '.join(status['reflexes']) or 'none'}")
             if status["attentive"]:
-                facts.append("attentive")
+                withheld = ", ".join(status["withheld"])
+                facts.append(f"attentive but for {withheld}" if withheld else "attentive")
             self._stages.content = (
                 f'<div style="font-size:0.75em;padding:0 1em">{stage_text(status["stages"])}; '
                 f"missed ticks: {status['missed']}</div>"

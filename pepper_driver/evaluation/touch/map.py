@@ -31,7 +31,7 @@ LAWS = {
 
 STATES_IN_WORDS = {
     "standing": "standing\nnothing moves",
-    "attentive": "attentive\nstanding, arms swing by 2 degrees",
+    "attentive": "attentive\nstanding, arms and head swing a little",
     "in motion": "in motion\nbreathing, gestures, whole body, driving",
 }
 """By group of states."""

@@ -17,6 +17,7 @@ from pepper_driver.config.experiment import load_experiment
 from pepper_driver.config.file_lock import lock_folder
 from pepper_driver.config.files import content_hash, file_hash, make_folder
 from pepper_driver.config.population import with_same_draws
+from pepper_driver.config.settings import AttentiveSettings
 from pepper_driver.config.touch_suites import TouchSuites
 from pepper_driver.config.workers import Workers, one_core, run_jobs
 from pepper_driver.evaluation.touch.ledger import code_hash, constants_hash
@@ -314,16 +315,23 @@ def _perform(
     return spec, take
 
 
-def take_and_hear(spec: TakeSpec, models: ModelFiles | None, names: Sequence[str]) -> Take:
+def take_and_hear(
+    spec: TakeSpec,
+    models: ModelFiles | None,
+    names: Sequence[str],
+    *,
+    attentive: AttentiveSettings | None = None,
+) -> Take:
     """Perform a take and show it to observers.
 
     Args:
         spec: The take.
         models: Of the robot; None for no observers.
         names: Of the observers.
+        attentive: Oscillation of an attentive robot; None for the shipped one.
     """
     robot = load_robot()
-    done = perform(spec, None if models is None else models.fusion)
+    done = perform(spec, None if models is None else models.fusion, attentive=attentive)
     take = done.take
     if models is None or done.recording is None:
         return take

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from pepper_driver.backends.fields import Measurement
 from pepper_driver.config import ControllerSettings, RobotConfig, load_controller_settings
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.settings import AttentiveSettings
 from pepper_driver.controller import Tick
 from pepper_driver.controller.tasks import PositionTask
 from pepper_driver.observer import JointState, Observation, Observer
@@ -75,8 +77,15 @@ class State:
         """Return the reflexes of the robot."""
         return ()
 
-    def controller(self, models: Path | None) -> ControllerSettings | None:
-        """Return the settings of the controller of a robot with these models; None for the shipped ones."""
+    def controller(
+        self, models: Path | None, attentive: AttentiveSettings | None = None
+    ) -> ControllerSettings | None:
+        """Return the settings of the controller of a robot with these models; None for the shipped ones.
+
+        Args:
+            models: Of the robot; None for none.
+            attentive: Oscillation of an attentive robot; None for the shipped one.
+        """
         return None
 
     def begin(self, pepper: Pepper) -> None:
@@ -125,9 +134,14 @@ class AfterMotion(State):
 class Attentive(State):
     """It stands attentive: as ``Pepper.attentive`` has it, with the robot's own models."""
 
-    def controller(self, models: Path | None) -> ControllerSettings | None:
+    def controller(
+        self, models: Path | None, attentive: AttentiveSettings | None = None
+    ) -> ControllerSettings | None:
         """Return settings with the friction of its joints."""
-        return load_controller_settings(self.robot).with_friction(friction_errors(models))
+        settings = load_controller_settings(self.robot)
+        if attentive is not None:
+            settings = replace(settings, attentive=attentive)
+        return settings.with_friction(friction_errors(models))
 
     def begin(self, pepper: Pepper) -> None:
         """Switch it on."""

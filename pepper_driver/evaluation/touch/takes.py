@@ -17,6 +17,7 @@ from pepper_driver.config import PepperError, RobotConfig, load_robot, load_safe
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.errors import check_name
 from pepper_driver.config.population import HeldOutDrawError
+from pepper_driver.config.settings import AttentiveSettings
 from pepper_driver.config.touch_suites import PlannedAct, TouchSuites, load_touch_suites
 from pepper_driver.controller import Tick
 from pepper_driver.evaluation.episodes import REDRAWN, REDRAWS, TIPPED
@@ -182,12 +183,15 @@ class _TakeError(Exception):
     """The robot tipped, was stopped, or a touch could not be made."""
 
 
-def perform(spec: TakeSpec, models: Path | None) -> Performance:
+def perform(
+    spec: TakeSpec, models: Path | None, *, attentive: AttentiveSettings | None = None
+) -> Performance:
     """Perform a take. One in which the robot tips or is stopped is drawn again, up to REDRAWS times.
 
     Args:
         spec: The take.
         models: The robot's own, of the observer in the loop and of the friction of its joints; None for none.
+        attentive: Oscillation of an attentive robot; None for the shipped one.
 
     Raises:
         HeldOutDrawError: The robot is one for tests, and these are not allowed here.
@@ -197,7 +201,7 @@ def perform(spec: TakeSpec, models: Path | None) -> Performance:
         drawn = replace(spec, seed=(*spec.seed[:-1], spec.seed[-1] + again * REDRAWN))
         try:
             with quiet("pepper_driver"):  # people press a bumper on purpose
-                done = _Stage(drawn, models).perform()
+                done = _Stage(drawn, models, attentive).perform()
         except HeldOutDrawError:
             raise
         except Exception as error:  # one take that fails must not cost the others
@@ -234,7 +238,9 @@ def _record(spec: TakeSpec, start: float, end: float, touched: Sequence[Touched]
 class _Stage:
     """One performance of a take."""
 
-    def __init__(self, spec: TakeSpec, models: Path | None) -> None:
+    def __init__(
+        self, spec: TakeSpec, models: Path | None, attentive: AttentiveSettings | None
+    ) -> None:
         self._spec, self._robot = spec, load_robot()
         self._suites = load_touch_suites(self._robot)
         motion, touch = np.random.SeedSequence(spec.seed).spawn(2)
@@ -255,7 +261,7 @@ class _Stage:
             models=own,
             reflexes=reflexes,
             robot=self._robot,
-            controller=self._state.controller(models),
+            controller=self._state.controller(models, attentive),
             safety=safety,
         )
         self._builder = RecordingBuilder(self._robot)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +12,16 @@ import pytest
 
 from pepper_driver import Comply, FaultError, FollowHand, Hold, Pepper, Retract, RobotState
 from pepper_driver.backends.mock import MockBackend
+from pepper_driver.config import load_controller_settings, load_observer_settings
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.controller.dither import Dither
 from pepper_driver.log import read_log
-from pepper_driver.observer import Observation
+from pepper_driver.observer import ContactObserver, Observation
+from pepper_driver.observers import friction_errors
 from pepper_driver.replay import compare, load_run, replay
 from support.experiments import make_experiment, make_pepper
+from support.fusion import STICK_SLIP, fusion_model, fusion_set
 from support.reflexes import ARM, ROBOT, ROLL, Stage, touch
 
 AMPLITUDE = np.radians(2.0)
@@ -28,6 +32,7 @@ BENT = {
     "RShoulderRoll": -0.4,
 }
 SWINGING = [j for j in ARM if ROBOT.joint_names[j] not in ("LWristYaw", "LHand")]
+HEAD = [ROBOT.joint_index(name) for name in ("HeadYaw", "HeadPitch")]
 RIGHT = ROBOT.joint_index("RShoulderRoll")
 
 
@@ -62,9 +67,9 @@ def test_a_robot_is_attentive_when_it_is_told_and_not_before() -> None:
         assert pepper.attentive
         trace(pepper, 2.0)
         rows = trace(pepper, 5.0)
-        for joint in SWINGING:
+        for joint in SWINGING + HEAD:
             assert swing(rows, joint) == pytest.approx(AMPLITUDE, rel=0.01)
-        others = [j for j in ROBOT.joint_names if j.endswith(("Wrist", "Hand")) or "Head" in j]
+        others = [*ROBOT.chains["legs"], "LWristYaw", "LHand", "RWristYaw", "RHand"]
         for name in others:
             assert swing(rows, ROBOT.joint_index(name)) < 1e-6
         # What the user asked for has not moved, and by FFT the largest part of it is at 0.4 Hz.
@@ -143,6 +148,30 @@ def test_the_log_says_when_it_was_and_replays_bit_for_bit(tmp_path: Path) -> Non
     assert not log["limited"].any()  # the gate has nothing to say
     run = load_run(path)
     assert compare(run, replay(run, run.observer())).identical
+
+
+def test_each_joint_swings_by_what_its_models_say() -> None:
+    """Friction of 8 mrad, 1.3 times that at rest: half of a swing loses 9.2 mrad."""
+    observer = ContactObserver(ROBOT, fusion_set(), load_observer_settings())
+    settings = load_controller_settings(ROBOT)
+    with Pepper("mock", observer=observer) as pepper:
+        expected = 0.0092 + np.radians(settings.attentive.slide_deg)
+        assert pepper.controller.dither.amplitude[ROLL] == pytest.approx(expected)
+    # A user's own values come first.
+    own = settings.with_friction({"LShoulderRoll": 0.001})
+    with Pepper("mock", observer=observer, controller=own) as pepper:
+        expected = 0.001 + np.radians(settings.attentive.slide_deg)
+        assert pepper.controller.dither.amplitude[ROLL] == pytest.approx(expected)
+        assert pepper.controller.dither.amplitude[RIGHT] == pytest.approx(AMPLITUDE)
+
+
+def test_friction_of_models_is_that_of_a_swing_from_motion_to_rest(tmp_path: Path) -> None:
+    sluggish = replace(STICK_SLIP, friction=0.01, breakaway=1.5, dead_band=0.002)
+    models = fusion_set({"LElbowRoll": fusion_model(sluggish)})
+    models.save(tmp_path / "own.json")
+    for known in (models, tmp_path / "own.json"):
+        assert friction_errors(known) == {"LElbowRoll": pytest.approx(0.0145)}
+    assert friction_errors(None) == {}
 
 
 # -- motions --------------------------------------------------------------------------------------------------------
