@@ -26,7 +26,7 @@ INTENSITY_STEP_DEG = 0.1
 """[deg] Change of the intensity that causes an update."""
 
 TORQUE_STEP_STDS = 0.5
-"""Change of the torque that causes an update, in standard deviations. Smaller changes are noise."""
+"""Change of the torque of a joint of the limb that causes an update, in standard deviations."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -93,18 +93,40 @@ class TorqueEstimate:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
+class ForceEstimate:
+    """Size of the force of one touch, and as the observer reported it last before the force faded [N].
+
+    Attributes:
+        touch: Number of the touch.
+        true: Largest that acted.
+        estimate: That was reported.
+        low, high: Interval that was reported with it.
+        scale_known: True if its scale was measured with a known weight.
+    """
+
+    touch: int
+    true: float
+    estimate: float
+    low: float
+    high: float
+    scale_known: bool
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
 class Hearing:
     """One observer over one take.
 
     Attributes:
         events: In their order.
         torques: Of joints that a touch really turned, where the observer estimates torques.
+        forces: Of pushes that rise and fade, where the observer reports forces; empty in older records.
         threshold_deg: By joint, median threshold while nothing touched the robot [deg].
         failure: Reason why there is no result; empty if there is one.
     """
 
     events: tuple[Heard, ...] = ()
     torques: tuple[TorqueEstimate, ...] = ()
+    forces: tuple[ForceEstimate, ...] = ()
     threshold_deg: dict[str, float] = field(default_factory=dict)
     failure: str = ""
 
