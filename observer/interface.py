@@ -87,6 +87,15 @@ class Contact:
         """Size of the force [N]; None where it is unknown."""
         return None if self.force is None else math.hypot(*self.force)
 
+    @property
+    def force_text(self) -> str:
+        """Size of the force with its interval, for people, as ``18 N (12 to 27)``; empty where it is unknown."""
+        if self.force_size is None or self.force_interval is None:
+            return ""
+        low, high = self.force_interval
+        scale = "" if self.scale_known else ", scale unknown"
+        return f"{self.force_size:.0f} N ({low:.0f} to {high:.0f}{scale})"
+
 
 class JointState(IntEnum):
     """State of one joint, as the observer classifies it."""

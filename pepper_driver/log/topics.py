@@ -27,12 +27,15 @@ Property = Mapping[str, object]
 
 T = TypeVar("T")
 
+_NUMBER: Property = {"type": "number"}
+_NUMBERS: Property = {"type": "array", "items": _NUMBER}
+
 
 class JsonTopic(Generic[T]):
     """Messages of one dataclass. A value of None or not finite is left out: JSON in a browser has no NaN.
 
     Attributes:
-        types: ``string``, ``number``, ``integer``, ``boolean`` or ``array`` by field.
+        types: ``string``, ``number``, ``integer``, ``boolean``, ``array`` of text or ``numbers`` by field.
 
     Args:
         topic: Name of the topic.
@@ -51,7 +54,10 @@ class JsonTopic(Generic[T]):
     ) -> None:
         self.topic = topic
         self.name = kind.__name__
-        self.types = {name: str(schema["type"]) for name, schema in properties.items()}
+        self.types = {
+            name: "numbers" if schema.get("items") == _NUMBER else str(schema["type"])
+            for name, schema in properties.items()
+        }
         self._kind = kind
         self._names = tuple(field.name for field in fields(kind))  # type: ignore[arg-type]
         self._properties = properties
@@ -110,8 +116,6 @@ def _plain(value: object) -> object:
         return [_plain(item) for item in value]
     raise TypeError(f"{value!r} is neither text nor number")
 
-
-_NUMBERS: Property = {"type": "array", "items": {"type": "number"}}
 
 CONTACTS = JsonTopic(
     "/contact",

@@ -33,7 +33,13 @@ from pepper_driver.evaluation.observers_under_test import (
     untouched_error,
 )
 from pepper_driver.evaluation.quiet import quiet
-from pepper_driver.evaluation.touch.records import ForceEstimate, Hearing, TorqueEstimate, Touched
+from pepper_driver.evaluation.touch.records import (
+    MIN_RISE,
+    ForceEstimate,
+    Hearing,
+    TorqueEstimate,
+    Touched,
+)
 from pepper_driver.evaluation.touch.scoring import heard
 from pepper_driver.observer import (
     AffineTree,
@@ -277,8 +283,8 @@ THRESHOLD_STRIDE = 25
 MIN_TORQUE = 0.5
 """[N m] A touch turns a joint on which it puts this much."""
 
-MIN_RISE, PLATEAU_MARGIN = 0.1, 0.1
-"""[s] Least time that the rise and the fall of a force are taken to last; from the rise to the plateau."""
+PLATEAU_MARGIN = 0.1
+"""[s] From the rise of a force to its plateau."""
 
 MIN_ROWS = 3
 """Ticks of a plateau with an estimate, without which it has no mean."""
@@ -459,8 +465,8 @@ def _wanted(
     pushes: dict[str, tuple[tuple[int, float, float, float], ...]] = {}
     for number, touch in enumerate(touches):
         touched |= (time >= touch.onset) & (time <= touch.release + AFTER_TOUCH)
-        if touch.force is not None and touch.rise is not None:
-            push = (number, touch.onset, touch.release - touch.rise, touch.force)
+        if touch.force is not None and touch.fading is not None:
+            push = (number, touch.onset, touch.fading, touch.force)
             pushes[touch.limb] = (*pushes.get(touch.limb, ()), push)
         if true_torque is None:
             continue

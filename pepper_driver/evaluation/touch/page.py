@@ -84,7 +84,7 @@ RULES = (
     "moment at which the force passes the N90 of its law, place and state, and only where it passes it. A negative "
     "delay is a touch that was felt before.",
     f"*Force* is of felt pushes of {STRONG_FORCE:g} N and more at hand and forearm, as it was reported last before the "
-    "push faded, against the largest that acted. None reported counts as wrong.",
+    "push faded, against the largest that acted. A push without a reported force counts as wrong.",
     "Touches of a robot whose identification failed are not felt. Shares have Wilson's 95 % interval, rates the exact "
     "Poisson one.",
 )
@@ -253,11 +253,11 @@ def _force_figures(observer: ObserverSummary) -> dict[str, Callable[[str], str]]
 
     return {
         name: forces(state, get)
-        for state in ("attentive", "in motion")
+        for state, where in ((ALL, ""), ("attentive", ", attentive"), ("in motion", ", in motion"))
         for name, get in (
-            (f"force, {state}: within {FORCE_TOLERANCE:.0%}", lambda one: one.right),
-            (f"force, {state}: in the stated interval", lambda one: one.covered),
-            (f"force, {state}: scale by a known weight", lambda one: one.known),
+            (f"force{where}: within {100.0 * FORCE_TOLERANCE:g} %", lambda one: one.right),
+            (f"force{where}: in the stated interval", lambda one: one.covered),
+            (f"force{where}: scale by a known weight", lambda one: one.known),
         )
     }
 

@@ -15,10 +15,9 @@ from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.config.touch_suites import EVEN, TouchSuites
 from pepper_driver.evaluation.touch.ledger import Figures
-from pepper_driver.evaluation.touch.logs import LOG
 from pepper_driver.evaluation.touch.n90 import ForceTouch, n90
 from pepper_driver.evaluation.touch.observers import FUSION
-from pepper_driver.evaluation.touch.records import BoardLaw, RobotRecord, Touched
+from pepper_driver.evaluation.touch.records import LOG, BoardLaw, RobotRecord, Touched
 from pepper_driver.evaluation.touch.scoring import (
     AFTER_RELEASE,
     FalseEvent,
@@ -610,9 +609,8 @@ def _forces(ones: Sequence[_One]) -> Iterator[Forces]:
         if one.touch.place in FORCE_PLACES
         and one.alone
         and one.score.felt
-        and one.touch.force is not None
-        and one.touch.rise is not None
-        and one.touch.release - one.touch.rise > one.touch.onset + MIN_FORCE_TIME
+        and one.touch.fading is not None
+        and one.touch.fading > one.touch.onset + MIN_FORCE_TIME
     ]
     for law in _laws(one.law for one in pushes):
         for place in (ALL, *FORCE_PLACES):
