@@ -135,7 +135,12 @@ class ForceEstimator:
         spacing = np.concatenate([part.spacing for part in parts])
         measured = torque[joints]
         variance = torque_std[joints] ** 2 + (self._scale.std[joints] * measured) ** 2
-        fits = fit_forces(jacobians.transpose(0, 2, 1), measured, variance, radius)
+        levers = jacobians.transpose(0, 2, 1)
+        fits = fit_forces(levers, measured, variance, radius)
+        excess = fits.misfit / len(joints)
+        if excess > 1.0:
+            # No force at one place explains these torques: they are less certain than they seem.
+            fits = fit_forces(levers, measured, excess * variance, radius)
         return self._average(
             fits, points, radius, spacing, scale_known=bool(self._scale.known[joints].all())
         )
@@ -187,11 +192,13 @@ class ForceFits:
         weight: (m k,) probability.
         mean: (m k, 3) [N].
         covariance: (m k, 3, 3) [N2].
+        misfit: Least sum of squares of a component, over their variances.
     """
 
     weight: FloatArray
     mean: FloatArray
     covariance: FloatArray
+    misfit: float
 
 
 def fit_forces(
@@ -230,6 +237,7 @@ def fit_forces(
         weight=weight / weight.sum(),
         mean=mean.reshape(-1, 3),
         covariance=covariance.reshape(-1, 3, 3),
+        misfit=float(misfit.min()),
     )
 
 

@@ -44,7 +44,10 @@ SLIDING_DOUBT = 0.25
 """Standard deviation of the friction of a joint in motion, over the friction: between two directions it is unknown."""
 
 RESTING_DOUBT = 0.5
-"""The same of a joint at rest: friction may hold it anywhere in its band."""
+"""The same of a joint that was to rest, and that a push has moved."""
+
+HIDING_DOUBT = 1.0
+"""The same of one that it has not moved: friction may hide a torque up to twice itself, in either direction."""
 
 TORQUE_DOUBT = 0.1
 """Standard deviation of a torque over its size: the friction of gears grows with it."""
@@ -124,9 +127,9 @@ def _estimate_torque(
         residual = 0.5 * (limited + by_current)
         reversed_part, doubt = 0.0, SLIDING_DOUBT
         if not moving[j]:
-            doubt = RESTING_DOUBT
+            doubt = HIDING_DOUBT
             if abs(residual) > TOUCHED_RATIO * threshold[j]:
-                reversed_part = state.slip - friction[j]
+                doubt, reversed_part = RESTING_DOUBT, state.slip - friction[j]
         estimate = state.stiffness * (reversed_part - residual)
         torque[j] = _bounded_torque(states, j, estimate, load_torque[j], current[j])
         measured = math.hypot(state.spread, 0.5 * (limited - by_current))
