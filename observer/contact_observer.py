@@ -6,7 +6,7 @@ import json
 import logging
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -15,9 +15,12 @@ from numpy.typing import NDArray
 from pepper_driver.config import ObserverSettings, RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray
 from pepper_driver.config.errors import ArgumentError
+from pepper_driver.config.robot import TRUNK
+from pepper_driver.config.self_collision import load_self_collision
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.detection.body_isolation import BodyTracker
 from pepper_driver.observer.detection.chain_isolation import ChainTrackers
+from pepper_driver.observer.detection.contact_force import ContactForce, ForceEstimator
 from pepper_driver.observer.detection.excursions import Onset, ResidualHistory
 from pepper_driver.observer.interface import (
     Contact,
@@ -35,6 +38,7 @@ from pepper_driver.observer.residuals.fusion import FusionGenerator, FusionParts
 from pepper_driver.observer.residuals.mobile_base import BaseGenerator
 from pepper_driver.observer.residuals.momentum import MomentumGenerator
 from pepper_driver.observer.residuals.paper import PaperGenerator
+from pepper_driver.observer.residuals.torque_scale import TorqueScale
 
 ONSET_LOOKBACK = 0.5
 """[s] before the median window; the onset of a touch that grows more slowly is reported too late."""
@@ -116,12 +120,18 @@ class ContactObserver(Observer):
         models.check_robot(robot)
         self._models, self._robot, self._settings = models, robot, settings
         self._mode = "paper" if models.kind != "fusion" else "momentum" if momentum else "fusion"
-        self._generator, window = _make_generator(self._mode, robot, models, settings, parts)
+        fusion = _fusion_models(robot, models)
+        scale = TorqueScale.from_models(fusion, robot, models.measured)
+        self._generator, window = _make_generator(
+            self._mode, robot, models, fusion, scale, settings, parts
+        )
         lookback = math.ceil(ONSET_LOOKBACK / robot.cycle)
         self._history = ResidualHistory(window, lookback, len(robot.joint_names))
         self._tracker: Tracker
+        self._forces: ForceEstimator | None = None
         if self._mode == "fusion":
             self._tracker = parts.tracker(robot, settings, self._history.onset)
+            self._forces = ForceEstimator(robot, load_self_collision(robot), scale)
         else:
             self._tracker = ChainTrackers(robot, settings, self._history.onset)
         no_model = self._generator.no_model
@@ -148,6 +158,7 @@ class ContactObserver(Observer):
         self._ticks = 0
         self._worn: tuple[str, ...] = ()
         self._doubted = np.zeros(len(self._none_settled), dtype=np.bool_)
+        self._last_forces: dict[int, ContactForce] = {}
         self._generator.reset()
         self._history.reset()
         self._tracker.reset()
@@ -228,6 +239,8 @@ class ContactObserver(Observer):
         residuals = self._generator.step(tick)
         self._history.append(self._time, residuals.raw, residuals.base_raw)
         contacts, state, free, settled = self._events(residuals)
+        if contacts and self._forces is not None:
+            contacts = self._with_forces(contacts, residuals, state, tick.measurement.position)
         self._generator.learn(residuals, free, settled, self._tracker.idle)
         self._ticks += 1
         if self._ticks % WEAR_PERIOD == 0:
@@ -241,6 +254,31 @@ class ContactObserver(Observer):
             torque_std=residuals.torque_std,
             state=state,
         )
+
+    def _with_forces(
+        self,
+        contacts: Sequence[Contact],
+        residuals: Residuals,
+        state: NDArray[np.int8],
+        position: FloatArray,
+    ) -> Sequence[Contact]:
+        """Return the events of a tick with the forces of their contacts."""
+        assert self._forces is not None
+        usable = state != JointState.DOUBTFUL
+        found = []
+        for contact in contacts:
+            if contact.phase == "end":
+                force = self._last_forces.pop(contact.id, None)
+            elif contact.limb == TRUNK or contact.kind == "rebound":
+                force = None
+            else:
+                force = self._forces.estimate(
+                    contact.limb, residuals.torque, residuals.torque_std, usable, position
+                )
+                if force is not None:
+                    self._last_forces[contact.id] = force
+            found.append(contact if force is None else _with_force(contact, force))
+        return found
 
     def _events(
         self, residuals: Residuals
@@ -303,17 +341,38 @@ def limb_numbers(robot: RobotConfig) -> IntArray:
     return numbers
 
 
+def _with_force(contact: Contact, force: ContactForce) -> Contact:
+    """Return a contact with its force."""
+    x, y, z = force.vector.tolist()
+    px, py, pz = force.point.tolist()
+    return replace(
+        contact,
+        force=(x, y, z),
+        force_covariance=tuple(force.covariance.ravel().tolist()),
+        force_interval=force.interval,
+        point=(px, py, pz),
+        point_covariance=tuple(force.point_covariance.ravel().tolist()),
+        scale_known=force.scale_known,
+    )
+
+
+def _fusion_models(robot: RobotConfig, models: ModelSet) -> list[FusionModel | None]:
+    """Return the models of the joints, None for those that have none or detect nothing."""
+    numb = numb_joints(models)
+    found = [None if name in numb else models.models.get(name) for name in robot.joint_names]
+    return [model if isinstance(model, FusionModel) else None for model in found]
+
+
 def _make_generator(
     mode: str,
     robot: RobotConfig,
     models: ModelSet,
+    fusion: list[FusionModel | None],
+    scale: TorqueScale,
     settings: ObserverSettings,
     parts: ObserverParts,
 ) -> tuple[ResidualGenerator, int]:
     """Make the residual generator for the models, and the window of its filter."""
-    numb = numb_joints(models)
-    of_joint = [None if name in numb else models.models.get(name) for name in robot.joint_names]
-    fusion = [model if isinstance(model, FusionModel) else None for model in of_joint]
     if mode == "momentum":
         own = np.array([np.nan if m is None else m.momentum_bound for m in fusion])
         window = settings.median_window
@@ -339,6 +398,7 @@ def _make_generator(
             limbs=limb_numbers(robot),
             base=base,
             parts=parts.residual,
+            stiffness=scale.stiffness,
             motor_torque=np.array(
                 [
                     robot.motors.of(name).stall_torque * robot.motors.joints[name].ratio
@@ -347,6 +407,7 @@ def _make_generator(
             ),
         )
         return generator, window
+    of_joint = [models.models.get(name) for name in robot.joint_names]
     trees = [model if isinstance(model, CartTree | AffineTree) else None for model in of_joint]
     threshold = np.array(
         [settings.threshold or models.threshold.get(name, np.nan) for name in robot.joint_names]

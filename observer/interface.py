@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import IntEnum
@@ -17,11 +18,15 @@ from pepper_driver.controller.tick import Tick
 Phase = Literal["begin", "update", "end"]
 Direction = Literal[-1, 1]
 
+Three = tuple[float, float, float]
+Nine = tuple[float, ...]
+"""The 9 values of a 3 x 3 matrix, row by row."""
+
 INTENSITY_STEP_DEG = 0.1
 """[deg] Change of the intensity that causes an update."""
 
 TORQUE_STEP_STDS = 0.5
-"""Change of the torque that causes an update, in standard deviations. Smaller changes are noise."""
+"""Change of the torque of a joint of the limb that causes an update, in standard deviations."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -42,6 +47,16 @@ class Contact:
         torque: External torque estimate on the joint [N m], signed, at most what motor, friction and load can oppose;
             None where no estimate exists.
         torque_std: Its standard deviation [N m]; None where no estimate exists.
+        force: Force on the limb [N], in the axes of base_link, as the torques of all its joints show it; of an ``end``,
+            the last one of the contact. Its length is the median of the size. None where too few joints have a torque,
+            on trunk and base, and of a rebound.
+        force_covariance: Of ``force`` [N2].
+        force_interval: Sizes between which the size of the force is with a probability of 90 % [N].
+        point: Where it acts, on the axis of a link, in base_link [m]: mean over the points of the limb that explain the
+            torques.
+        point_covariance: Of ``point`` [m2].
+        scale_known: True if the scale of these torques was measured with a known weight; otherwise it is that of
+            documented motors and masses, whose uncertainty is in covariance and interval.
         onset_time: Clock of the robot when the residual began to leave its free-motion band [s].
         detection_time: When the contact was first reported [s].
         time: Time of the event [s]; an ``end`` is reported later, when the residual has stayed low.
@@ -57,9 +72,29 @@ class Contact:
     intensity_deg: float
     torque: float | None
     torque_std: float | None
+    force: Three | None = None
+    force_covariance: Nine | None = None
+    force_interval: tuple[float, float] | None = None
+    point: Three | None = None
+    point_covariance: Nine | None = None
+    scale_known: bool | None = None
     onset_time: float
     detection_time: float
     time: float
+
+    @property
+    def force_size(self) -> float | None:
+        """Size of the force [N]; None where it is unknown."""
+        return None if self.force is None else math.hypot(*self.force)
+
+    @property
+    def force_text(self) -> str:
+        """Size of the force with its interval, for people, as ``18 N (12 to 27)``; empty where it is unknown."""
+        if self.force_size is None or self.force_interval is None:
+            return ""
+        low, high = self.force_interval
+        scale = "" if self.scale_known else ", scale unknown"
+        return f"{self.force_size:.0f} N ({low:.0f} to {high:.0f}{scale})"
 
 
 class JointState(IntEnum):

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from itertools import count
 
 from pepper_driver.config import ObserverSettings, RobotConfig
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_selector import Kind
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.observer.detection.excursions import (
@@ -75,7 +76,7 @@ class BodyContact:
         self.detection_time = time
         self.report_time = time
         self.reported_peak = 0.0
-        self.reported_torque: float | None = None
+        self.reported_torque: FloatArray | None = None
         self.fall_time: float | None = None
         self.revisions = 0
 
@@ -272,18 +273,26 @@ class BodyTracker:
         elif changed or (
             over
             and time - contact.report_time >= self._update_period
-            and self._has_changed(contact)
+            and self._has_changed(limb, contact)
         ):
             self._report(contact, "update", time, events)
 
-    def _has_changed(self, contact: BodyContact) -> bool:
-        """Return True if intensity or torque differ enough from those reported last."""
+    def _has_changed(self, limb: _Limb, contact: BodyContact) -> bool:
+        """Return True if the intensity, or the torque of a joint, differs enough from that reported last."""
         if abs(math.degrees(contact.peak - contact.reported_peak)) >= INTENSITY_STEP_DEG:
             return True
-        torque, std = self._torque(contact)
-        if torque is None or std is None or contact.reported_torque is None:
-            return torque is not contact.reported_torque
-        return abs(torque - contact.reported_torque) >= TORQUE_STEP_STDS * std
+        if contact.joint is None or contact.reported_torque is None:
+            return False
+        torque, std = self._residuals.torque, self._residuals.torque_std
+        if math.isfinite(torque[contact.joint]) != math.isfinite(
+            contact.reported_torque[contact.joint]
+        ):
+            return True
+        # All joints of the limb: the force on it follows from them. NaN compares as False.
+        return any(
+            abs(torque[j] - contact.reported_torque[j]) >= TORQUE_STEP_STDS * std[j]
+            for j in limb.joints
+        )
 
     def _torque(self, contact: BodyContact) -> tuple[float | None, float | None]:
         """Return torque on the joint and its standard deviation [N m], both None if unknown."""
@@ -407,11 +416,8 @@ class BodyTracker:
         if contact.number is None:
             contact.number, contact.detection_time = self._next_id(), time
         torque, torque_std = self._torque(contact)
-        contact.report_time, contact.reported_peak, contact.reported_torque = (
-            time,
-            contact.peak,
-            torque,
-        )
+        contact.report_time, contact.reported_peak = time, contact.peak
+        contact.reported_torque = self._residuals.torque
         events.append(
             Contact(
                 id=contact.number,

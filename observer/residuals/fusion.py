@@ -34,15 +34,23 @@ from pepper_driver.observer.residuals.prediction import (
 )
 from pepper_driver.observer.running_filters import RunningMaximum, RunningMedian
 
-FRICTION_RATIO = 0.5
-"""Fraction of the reversed friction that counts as external torque: gears keep some of it."""
-
 DAHL_DISTANCE = 0.003
 """[rad] of motion within which friction reverses."""
 
 TOUCHED_RATIO = 0.5
 """Fraction of its threshold above which a residual counts as touch."""
 
+SLIDING_DOUBT = 0.25
+"""Standard deviation of the friction of a joint in motion, over the friction: between two directions it is unknown."""
+
+RESTING_DOUBT = 0.5
+"""The same of a joint that was to rest, and that a push has moved."""
+
+HIDING_DOUBT = 1.0
+"""The same of one that it has not moved: friction may hide a torque up to twice itself, in either direction."""
+
+TORQUE_DOUBT = 0.1
+"""Standard deviation of a torque over its size: the friction of gears grows with it."""
 
 SPREAD_STDS = 3.0
 """Standard deviations in a spread: 2.6 of a residual that is normal, 3.3 of one with an exponential tail."""
@@ -60,8 +68,8 @@ class TorqueState:
         held_per_load: Its increase with the size of the load [rad/rad].
         torque_per_ampere: Motor torque / K per current [rad/A]; 0 where the current does not show it.
         motor_torque: Largest that the motor can give [N m].
-        slip: Friction that acts, while it reverses [rad].
-        residual: In the last tick [rad].
+        slip: Friction that acts by the measured motion [rad].
+        position: In the last tick [rad].
     """
 
     stiffness: float
@@ -73,7 +81,7 @@ class TorqueState:
     torque_per_ampere: float
     motor_torque: float
     slip: float
-    residual: float
+    position: float
 
 
 @kernel
@@ -94,46 +102,61 @@ def _bounded_torque(
 @kernel
 def _estimate_torque(
     states: Out[Records[TorqueState]],
-    residual: FloatArray,
+    channels: FloatArray,
     friction: FloatArray,
     threshold: FloatArray,
+    position: FloatArray,
+    moving: BoolArray,
     load_torque: FloatArray,
     current: FloatArray,
     torque: Out[FloatArray],
     torque_std: Out[FloatArray],
 ) -> None:
-    for j in range(len(residual)):
+    n = len(torque)
+    for j in range(n):
         state = states[j]
-        motion = state.residual - residual[j]  # of the joint, relative to its free motion
-        state.residual = residual[j]
-        reversed_part, uncertain = 0.0, 0.0
-        if abs(residual[j]) > TOUCHED_RATIO * threshold[j]:
-            slip = state.slip + motion * (state.friction / DAHL_DISTANCE)
-            state.slip = min(max(slip, -state.friction), state.friction)
-            reversed_part = FRICTION_RATIO * (state.slip - friction[j])
-            uncertain = FRICTION_RATIO * state.friction
-        else:
-            state.slip = friction[j]
-        estimate = state.stiffness * (reversed_part - residual[j])
+        if not math.isfinite(state.position):
+            state.slip, state.position = friction[j], position[j]
+        slip = state.slip + (position[j] - state.position) * (state.friction / DAHL_DISTANCE)
+        state.slip = min(max(slip, -state.friction), state.friction)
+        state.position = position[j]
+        # A board at its limit, or one that sums up errors, does not hold what its law says: the current shows it.
+        by_current = channels[n + j]
+        by_model = channels[j] if channels[j] * by_current > 0.0 else 0.0
+        limited = math.copysign(min(abs(by_model), 2.0 * abs(by_current)), by_current)
+        residual = 0.5 * (limited + by_current)
+        reversed_part, doubt = 0.0, SLIDING_DOUBT
+        if not moving[j]:
+            doubt = HIDING_DOUBT
+            if abs(residual) > TOUCHED_RATIO * threshold[j]:
+                doubt, reversed_part = RESTING_DOUBT, state.slip - friction[j]
+        estimate = state.stiffness * (reversed_part - residual)
         torque[j] = _bounded_torque(states, j, estimate, load_torque[j], current[j])
-        torque_std[j] = state.stiffness * math.hypot(state.spread, uncertain)
+        measured = math.hypot(state.spread, 0.5 * (limited - by_current))
+        unknown = math.hypot(doubt * state.friction, TORQUE_DOUBT * torque[j] / state.stiffness)
+        torque_std[j] = state.stiffness * math.hypot(measured, unknown)
 
 
 class TorqueEstimate:
-    """External torque tau_ext = -K r, plus a part of the friction that the push has reversed.
+    """External torque tau_ext = -K r, and of a joint at rest the friction that the push has reversed.
 
-    A push on a joint also reverses its friction, which then acts against the push. The friction reverses with the
-    motion that the residual shows (Dahl's model).
+    r is the mean of both channels; that of the model counts twice that of the current at most, and nothing where it
+    contradicts it. A push that moves a joint at rest also reverses its friction, which then acts against the push
+    (Dahl's model, on the measured motion). A joint that moves goes on sliding: there the friction stays as expected.
 
     -K r is the torque that a board without limits would have given. Once a motor board gives no more, the joint is
     moved by any torque beyond it, and r no longer shows how large this is. The estimate is therefore at most what can
     oppose a hand: the torque of the motor, friction, and the load. The current shows the torque of the motor, where
     identification found that it does; in any case it is at most the documented one.
 
+    The standard deviation has the spread of r in free motion, half of the difference of the channels, friction, and
+    TORQUE_DOUBT; not that of the scale K.
+
     Args:
         models: By joint, None for those without.
         cycle: Period of the ticks [s].
         window: Samples of the median of the residual.
+        stiffness: (n,) K [N m/rad], NaN without a model.
         spread: (n,) standard deviation of the residual in free motion [rad].
         motor_torque: (n,) largest torque of the motors, at the joints [N m]; infinite where it is unknown.
     """
@@ -144,6 +167,7 @@ class TorqueEstimate:
         cycle: float,
         *,
         window: int,
+        stiffness: FloatArray,
         spread: FloatArray,
         motor_torque: FloatArray | float = math.inf,
     ) -> None:
@@ -151,7 +175,7 @@ class TorqueEstimate:
         self._states = make_records(
             TorqueState,
             len(models),
-            stiffness=1.0 / twins["load_gain"],
+            stiffness=stiffness,
             friction=twins["friction"],
             spread=spread,
             offset=twins["offset"],
@@ -170,36 +194,43 @@ class TorqueEstimate:
 
     def reset(self) -> None:
         """Forget the previous ticks."""
-        self._states["slip"], self._states["residual"] = 0.0, 0.0
+        self._states["slip"], self._states["position"] = 0.0, np.nan
         # The residual is filtered: the current that belongs to it may be over.
         self._currents = RunningMaximum(self._memory, self._cycle, len(self._states))
 
     def step(
         self,
-        residual: FloatArray,
+        channels: FloatArray,
         friction: FloatArray,
         threshold: FloatArray,
+        position: FloatArray,
+        moving: BoolArray,
         load_torque: FloatArray,
         current: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
         """Take in one tick.
 
         Args:
-            residual: (n,) [rad].
+            channels: (2 n,) residuals by the model, then by the current [rad].
             friction: (n,) friction of the joints without touch, over K [rad].
             threshold: (n,) of a contact [rad].
+            position: (n,) measured [rad].
+            moving: (n,) joints that are to move, or were just before.
             load_torque: (n,) desired [N m].
             current: (n,) measured, without its sign [A].
 
         Returns:
             (n,) external torque and its standard deviation [N m].
         """
-        torque, torque_std = np.empty(len(residual)), np.empty(len(residual))
+        n = len(position)
+        torque, torque_std = np.empty(n), np.empty(n)
         self._estimate(
             self._states,
-            residual,
+            channels,
             friction,
             threshold,
+            position,
+            moving,
             load_torque,
             self._currents.push(np.abs(current)),
             torque,
@@ -419,6 +450,7 @@ class FusionGenerator:
         adapt: True to follow bias and spread of the robot of today.
         limbs: (n,) number of the limb of each joint; None to judge each joint alone.
         base: Residual of the base, None without a model of it.
+        stiffness: (n,) K of torque estimates [N m/rad]; None for that of the models, by the documented masses.
         motor_torque: (n,) largest torque of the motors, at the joints [N m].
         parts: That it has.
     """
@@ -433,6 +465,7 @@ class FusionGenerator:
         adapt: bool,
         limbs: IntArray | None = None,
         base: BaseGenerator | None = None,
+        stiffness: FloatArray | None = None,
         motor_torque: FloatArray | float = math.inf,
         parts: FusionParts = FusionParts(),
     ) -> None:
@@ -445,9 +478,10 @@ class FusionGenerator:
         self._derivatives = ErrorDerivatives(n, cycle)
         self.no_model = np.array([m is None for m in models])
         spread = np.array([(np.nan, np.nan) if m is None else m.spread for m in models])
+        gain = self._predictor.identified["load_gain"]
         self._threshold = SpreadThreshold(
             spread,
-            self._predictor.identified["load_gain"],
+            gain,
             cycle,
             false_contacts=false_contacts,
             adapt=adapt,
@@ -459,6 +493,7 @@ class FusionGenerator:
             models,
             cycle,
             window=window,
+            stiffness=1.0 / gain if stiffness is None else stiffness,
             spread=spread.max(axis=1) / SPREAD_STDS,
             motor_torque=motor_torque,
         )
@@ -541,10 +576,14 @@ class FusionGenerator:
             base = self._base.step(tick, lost or late_ticks > 0)
             threshold *= self._confirmation(base[1])
         self._join_limbs(self._limbs, self._limb_count, filtered, threshold)
-        # Where both channels show a touch, neither knows its size better.
-        mean = 0.5 * (both[:n] + both[n:])
         torque, torque_std = self._torque.step(
-            mean, prediction.friction, threshold, prediction.load_torque, current
+            both,
+            prediction.friction,
+            threshold,
+            measured,
+            self._threshold.moving,
+            prediction.load_torque,
+            current,
         )
         expected_error = prediction.target - prediction.position + prediction.remainder + self._bias
         if np.count_nonzero(blind):

@@ -51,7 +51,8 @@ from pepper_driver.evaluation.observers_under_test import (
 )
 from pepper_driver.evaluation.report import number, write_report
 from pepper_driver.evaluation.results import EvaluationResult
-from pepper_driver.evaluation.touch.logs import LOG, judge_logs
+from pepper_driver.evaluation.touch.logs import judge_logs
+from pepper_driver.evaluation.touch.records import LOG
 from pepper_driver.evaluation.touch.report import Origin, write_touch_report
 from pepper_driver.evaluation.touch.summary import summarise_touch
 from pepper_driver.figure_style import check_plotting

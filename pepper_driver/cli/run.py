@@ -245,7 +245,8 @@ def event_text(event: Event) -> str | None:
     text = (
         f"{event.kind} {event.link}: {event.phase}, {event.joint or 'trunk'} {event.direction:+d}"
     )
-    return f"{text}, {degrees}{torque}"
+    force = f", {event.force_text}" if event.force_text else ""
+    return f"{text}, {degrees}{torque}{force}"
 
 
 def plan_lines(run: ExperimentRun) -> Iterator[str]:

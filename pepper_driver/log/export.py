@@ -113,7 +113,9 @@ def _parquet_writer(
         "string": pa.string(),
         "number": pa.float64(),
         "integer": pa.int64(),
+        "boolean": pa.bool_(),
         "array": pa.list_(pa.string()),
+        "numbers": pa.list_(pa.float64()),
     }
 
     def write(part: Path, topic: JsonTopic[Any] | None, table: Table) -> None:
@@ -127,7 +129,7 @@ def _parquet_writer(
 
 
 def _write_csv(part: Path, topic: JsonTopic[Any] | None, table: Table) -> None:
-    """Floats with all their digits, truth values as 0 and 1, None as nothing, joints with blanks between them."""
+    """Floats with all their digits, truth values as 0 and 1, None as nothing, joints and vectors with blanks."""
     with part.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         writer.writerow(table)
@@ -140,7 +142,13 @@ def _cells(column: TableColumn) -> list[Any]:
             column.astype(np.int8) if column.dtype == np.bool_ else column
         ).tolist()
         return listed
-    return [" ".join(cell) if isinstance(cell, tuple) else cell for cell in column]
+    return [_cell(value) for value in column]
+
+
+def _cell(value: object) -> object:
+    if isinstance(value, tuple):
+        return " ".join(map(str, value))
+    return int(value) if isinstance(value, bool) else value
 
 
 def _write_metadata(log: RunLog, part: Path) -> None:
@@ -163,7 +171,11 @@ def _write_npz(log: RunLog, part: Path) -> None:
 
 
 def _array(column: TableColumn, kind: str) -> NDArray[Any]:
-    """Text, or numbers as float64; None is no text or NaN."""
-    if kind in ("number", "integer"):
+    """Text, or numbers and truth values as float64; None is no text or NaN. Vectors are rows."""
+    if kind == "numbers":
+        width = max((len(cell) for cell in column if cell is not None), default=0)
+        rows = [(np.nan,) * width if cell is None else cell for cell in column]
+        return np.array(rows, dtype=np.float64).reshape(len(rows), width)
+    if kind in ("number", "integer", "boolean"):
         return np.array([np.nan if cell is None else cell for cell in column], dtype=np.float64)
     return np.array(["" if cell is None else cell for cell in _cells(column)], dtype=np.str_)

@@ -27,16 +27,19 @@ Property = Mapping[str, object]
 
 T = TypeVar("T")
 
+_NUMBER: Property = {"type": "number"}
+_NUMBERS: Property = {"type": "array", "items": _NUMBER}
+
 
 class JsonTopic(Generic[T]):
     """Messages of one dataclass. A value of None or not finite is left out: JSON in a browser has no NaN.
 
     Attributes:
-        types: ``string``, ``number``, ``integer`` or ``array`` (of text) by field.
+        types: ``string``, ``number``, ``integer``, ``boolean``, ``array`` of text or ``numbers`` by field.
 
     Args:
         topic: Name of the topic.
-        kind: The dataclass; its values are text, numbers, or tuples of text.
+        kind: The dataclass; its values are text, numbers, or tuples of them. Numbers in a tuple must be finite.
         properties: Schema of each of its fields.
         optional: Fields that may be None; numbers that are not finite come back as None there, as NaN elsewhere.
     """
@@ -51,7 +54,10 @@ class JsonTopic(Generic[T]):
     ) -> None:
         self.topic = topic
         self.name = kind.__name__
-        self.types = {name: str(schema["type"]) for name, schema in properties.items()}
+        self.types = {
+            name: "numbers" if schema.get("items") == _NUMBER else str(schema["type"])
+            for name, schema in properties.items()
+        }
         self._kind = kind
         self._names = tuple(field.name for field in fields(kind))  # type: ignore[arg-type]
         self._properties = properties
@@ -125,11 +131,29 @@ CONTACTS = JsonTopic(
         "intensity_deg": {"type": "number", "description": "[deg]"},
         "torque": {"type": "number", "description": "[N m]"},
         "torque_std": {"type": "number", "description": "[N m]"},
+        "force": {**_NUMBERS, "description": "in base_link [N]"},
+        "force_covariance": {**_NUMBERS, "description": "row by row [N2]"},
+        "force_interval": {**_NUMBERS, "description": "of its size, 90 % [N]"},
+        "point": {**_NUMBERS, "description": "in base_link [m]"},
+        "point_covariance": {**_NUMBERS, "description": "row by row [m2]"},
+        "scale_known": {"type": "boolean"},
         "onset_time": {"type": "number", "description": "[s]"},
         "detection_time": {"type": "number", "description": "[s]"},
         "time": {"type": "number", "description": "[s]"},
     },
-    optional=frozenset({"joint", "torque", "torque_std"}),
+    optional=frozenset(
+        {
+            "joint",
+            "torque",
+            "torque_std",
+            "force",
+            "force_covariance",
+            "force_interval",
+            "point",
+            "point_covariance",
+            "scale_known",
+        }
+    ),
 )
 
 

@@ -26,6 +26,8 @@ MIN_GLOW = 0.35
 FORCE_COLOR, TOUCH_COLOR, STD_COLOR = (30, 130, 60), (220, 40, 40), (240, 170, 170)
 FORCE_LENGTH = 0.01
 """[m] of an arrow per newton."""
+ROOT = "base_link"
+"""Link in whose axes forces of contacts are."""
 MIN_LEVER = 0.05
 """[m] A torque is shown as the force at the link's centre with this lever at least."""
 
@@ -79,13 +81,28 @@ def force_arrow(force: Force) -> Arrow:
     return Arrow(start=start, end=force.point, color=FORCE_COLOR)
 
 
+def _fitted_arrows(name: str, contact: Contact, base: FloatArray) -> Iterator[tuple[str, Arrow]]:
+    """Yield the arrow of a fitted force from its point, and from its end to the largest force of its interval."""
+    start = base[:3, 3] + base[:3, :3] @ np.array(contact.point)
+    force = base[:3, :3] @ np.array(contact.force)
+    tip = start + FORCE_LENGTH * force
+    yield name, Arrow(start=start, end=tip, color=TOUCH_COLOR)
+    size = contact.force_size
+    if size and contact.force_interval is not None:
+        longer = max(contact.force_interval[1] / size, 1.0)
+        end = start + longer * FORCE_LENGTH * force
+        yield f"{name} std", Arrow(start=tip, end=end, color=STD_COLOR)
+
+
 def touch_arrows(
     contact: Contact,
     robot: RobotConfig,
     link_pose: Callable[[str], FloatArray],
     centres: Mapping[str, FloatArray],
 ) -> Iterator[tuple[str, Arrow]]:
-    """Yield arrows at a touched link with their names: the force that gives the felt torque, and one deviation more.
+    """Yield arrows at a touch with their names: its force, and as far as its interval goes.
+
+    Where no force was fitted, the arrow is the force at the link that gives the torque on the joint, and one deviation.
 
     Args:
         contact: As it is felt.
@@ -94,6 +111,9 @@ def touch_arrows(
         centres: See :func:`centres_of`.
     """
     name = f"touch {contact.id}"
+    if contact.force is not None and contact.point is not None:
+        yield from _fitted_arrows(name, contact, link_pose(ROOT))
+        return
     pose = link_pose(contact.link)
     centre = pose[:3, 3] + pose[:3, :3] @ centres.get(contact.link, np.zeros(3))
     if contact.joint is None or contact.torque is None:

@@ -196,11 +196,12 @@ def pair_table(pairs: Sequence[tuple[Contact | None, Contact | None]], *, recomp
 
 
 def _touch(contact: Contact | None) -> str:
-    """Return onset, place and intensity of a contact as HTML."""
+    """Return onset, place and force or intensity of a contact as HTML."""
     if contact is None:
         return "&ndash;"
     text = f"{contact.onset_time:.2f} s {in_words(contact.link)}, {contact.kind}"
-    return html.escape(f"{text}, {contact.intensity_deg:.1f} deg")
+    size = contact.force_text or f"{contact.intensity_deg:.1f} deg"
+    return html.escape(f"{text}, {size}")
 
 
 def time_line(
@@ -254,7 +255,9 @@ def describe(item: Contact | LogEvent) -> str:
     torque = "" if item.torque is None else f", {abs(item.torque):.1f} N m"
     if item.torque is not None and item.torque_std is not None:
         torque += f" ± {item.torque_std:.1f}"
-    return f"{item.time:7.2f} s  {item.kind} on {item.limb}: {item.link} ({item.joint or 'base'}){torque}"
+    force = f", {item.force_text}" if item.force_text else ""
+    place = f"{item.link} ({item.joint or 'base'})"
+    return f"{item.time:7.2f} s  {item.kind} on {item.limb}: {place}{torque}{force}"
 
 
 def stage_text(stages: Mapping[str, float]) -> str:

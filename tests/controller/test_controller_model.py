@@ -166,6 +166,17 @@ def test_point_jacobian_is_the_slope_of_link_pose(link: str) -> None:
         assert np.abs(jacobian[:, joint] - slope).max() < 1e-8
 
 
+def test_points_of_a_link_are_placed_together_as_one_by_one() -> None:
+    random = np.random.default_rng(6)
+    position, points = random_posture(random), random.normal(size=(4, 3))
+    places, jacobians = MODEL.place_points("LForeArm", points, position)
+    pose = MODEL.link_pose("LForeArm", position)
+    assert np.abs(places - (points @ pose[:3, :3].T + pose[:3, 3])).max() < 1e-12
+    assert jacobians.shape == (4, 3, JOINTS)
+    for point, jacobian in zip(points, jacobians, strict=True):
+        assert np.abs(jacobian - MODEL.point_jacobian("LForeArm", point, position)).max() < 1e-12
+
+
 @pytest.mark.parametrize("joint", ROBOT.joint_names)
 def test_a_joint_moves_the_links_beyond_it_and_no_other(joint: str) -> None:
     random = np.random.default_rng(5)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -127,6 +128,10 @@ class Samples:
             torque=self.vector(N),
         )
 
+    def numbers(self, count: int) -> Any:
+        """A tuple of numbers."""
+        return tuple(self.random.normal(size=count).tolist())
+
     def contact(self, number: int) -> Contact:
         """Contact ``number``, felt by a random joint or by none."""
         random = self.random
@@ -143,6 +148,12 @@ class Samples:
             intensity_deg=float(random.random()),
             torque=float(random.normal()) if known else None,
             torque_std=float(random.random()) if known else None,
+            force=self.numbers(3) if known else None,
+            force_covariance=self.numbers(9) if known else None,
+            force_interval=self.numbers(2) if known else None,
+            point=self.numbers(3) if known else None,
+            point_covariance=self.numbers(9) if known else None,
+            scale_known=number % 4 == 0 if known else None,
             onset_time=float(random.random()),
             detection_time=float(random.random()),
             time=float(random.random()),

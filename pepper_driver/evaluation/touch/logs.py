@@ -18,11 +18,8 @@ from pepper_driver.evaluation.episodes import Episode
 from pepper_driver.evaluation.evaluate import episode_of_log
 from pepper_driver.evaluation.observers_under_test import ObserversUnderTest
 from pepper_driver.evaluation.touch.observers import watch_all
-from pepper_driver.evaluation.touch.records import Hearing, RobotRecord, Take, Touched
+from pepper_driver.evaluation.touch.records import LOG, Hearing, RobotRecord, Take, Touched
 from pepper_driver.observer import KnownPush, Observer
-
-LOG = "log"
-"""Row and state of what is in a log."""
 
 ELSEWHERE = "elsewhere"
 """Place of a touch on a link on which the suites have none."""

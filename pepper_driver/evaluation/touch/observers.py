@@ -33,7 +33,13 @@ from pepper_driver.evaluation.observers_under_test import (
     untouched_error,
 )
 from pepper_driver.evaluation.quiet import quiet
-from pepper_driver.evaluation.touch.records import Hearing, TorqueEstimate, Touched
+from pepper_driver.evaluation.touch.records import (
+    MIN_RISE,
+    ForceEstimate,
+    Hearing,
+    TorqueEstimate,
+    Touched,
+)
 from pepper_driver.evaluation.touch.scoring import heard
 from pepper_driver.observer import (
     AffineTree,
@@ -277,8 +283,8 @@ THRESHOLD_STRIDE = 25
 MIN_TORQUE = 0.5
 """[N m] A touch turns a joint on which it puts this much."""
 
-MIN_RISE, PLATEAU_MARGIN = 0.1, 0.1
-"""[s] Least time that the rise and the fall of a force are taken to last; from the rise to the plateau."""
+PLATEAU_MARGIN = 0.1
+"""[s] From the rise of a force to its plateau."""
 
 MIN_ROWS = 3
 """Ticks of a plateau with an estimate, without which it has no mean."""
@@ -293,6 +299,7 @@ class _Wanted:
         place: By row, its place among them.
         joints: By plateau, touch, joint's name and index.
         plateaus: By row, those that it lies in.
+        pushes: By limb, number, onset and begin of the fading [s] and force [N] of touches that rise and fade.
         true: (n, N) true torque [N m]; None where it is unknown, and there are no plateaus.
     """
 
@@ -300,6 +307,7 @@ class _Wanted:
     place: dict[int, int]
     joints: tuple[tuple[int, str, int], ...]
     plateaus: dict[int, tuple[int, ...]]
+    pushes: dict[str, tuple[tuple[int, float, float, float], ...]]
     true: FloatArray | None
 
 
@@ -312,6 +320,7 @@ class _Listener:
         self._threshold = np.empty((len(wanted.untouched), joints))
         self._sums = np.zeros((len(wanted.joints), 2))
         self._counts = np.zeros(len(wanted.joints), dtype=np.int64)
+        self._forces: dict[int, ForceEstimate] = {}
         self.failure = ""
 
     def reset(self) -> None:
@@ -335,6 +344,8 @@ class _Listener:
         now = tick.measurement.time
         # An end carries the time at which the residual fell, and a callback gets it later.
         self._contacts.extend(replace(contact, time=now) for contact in observation.contacts)
+        for contact in observation.contacts:
+            self._keep_force(contact, now)
         if (place := self._wanted.place.get(row)) is not None:
             self._threshold[place] = observation.threshold
         for plateau in self._wanted.plateaus.get(row, ()):
@@ -343,6 +354,22 @@ class _Listener:
             if np.isfinite(estimate) and self._wanted.true is not None:
                 self._sums[plateau] += self._wanted.true[row, joint], estimate
                 self._counts[plateau] += 1
+
+    def _keep_force(self, contact: Contact, now: float) -> None:
+        """Keep the force of an event as the last one reported of the touches that act on its limb."""
+        size, interval = contact.force_size, contact.force_interval
+        if contact.phase == "end" or size is None or interval is None:
+            return
+        for touch, onset, fading, force in self._wanted.pushes.get(contact.limb, ()):
+            if onset <= now <= fading:
+                self._forces[touch] = ForceEstimate(
+                    touch=touch,
+                    true=force,
+                    estimate=size,
+                    low=interval[0],
+                    high=interval[1],
+                    scale_known=bool(contact.scale_known),
+                )
 
     def hearing(self, robot: RobotConfig) -> Hearing:
         """Return what the observer reported; only its failure if it failed."""
@@ -362,6 +389,7 @@ class _Listener:
         return Hearing(
             events=heard(self._contacts),
             torques=tuple(torques),
+            forces=tuple(self._forces[touch] for touch in sorted(self._forces)),
             threshold_deg=self._medians(robot),
         )
 
@@ -387,7 +415,8 @@ def watch_all(
     """Reset the observers, and show them all each tick of a take, once.
 
     Torques are means over the plateau of a touch: from PLATEAU_MARGIN after its rise until its fall begins, which is
-    taken to last as long as the rise.
+    taken to last as long as the rise. Forces are those of the last event on the limb of a touch before its fall begins:
+    what a program knows then.
 
     Args:
         observers: By name.
@@ -433,8 +462,12 @@ def _wanted(
     touched = np.zeros(len(time), dtype=np.bool_)
     joints: list[tuple[int, str, int]] = []
     plateaus: dict[int, tuple[int, ...]] = {}
+    pushes: dict[str, tuple[tuple[int, float, float, float], ...]] = {}
     for number, touch in enumerate(touches):
         touched |= (time >= touch.onset) & (time <= touch.release + AFTER_TOUCH)
+        if touch.force is not None and touch.fading is not None:
+            push = (number, touch.onset, touch.fading, touch.force)
+            pushes[touch.limb] = (*pushes.get(touch.limb, ()), push)
         if true_torque is None:
             continue
         rise = max(touch.rise or 0.0, MIN_RISE)
@@ -451,5 +484,6 @@ def _wanted(
         place={row: place for place, row in enumerate(untouched.tolist())},
         joints=tuple(joints),
         plateaus=plateaus,
+        pushes=pushes,
         true=true_torque,
     )

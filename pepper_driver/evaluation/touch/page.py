@@ -25,14 +25,17 @@ from pepper_driver.evaluation.touch.summary import LOWERED
 from pepper_driver.evaluation.touch.summary_data import (
     ALL,
     FAST_RISE,
+    FORCE_TOLERANCE,
     GROUPS,
     PARTS,
     STRONG,
+    STRONG_FORCE,
     By,
     Cell,
     Delays,
     Ends,
     FalseContacts,
+    Forces,
     ForceShare,
     Located,
     ObserverSummary,
@@ -80,6 +83,8 @@ RULES = (
     f"Delays count from the onset where the force rises within {1e3 * FAST_RISE:.0f} ms; for slower touches from the "
     "moment at which the force passes the N90 of its law, place and state, and only where it passes it. A negative "
     "delay is a touch that was felt before.",
+    f"*Force* is of felt pushes of {STRONG_FORCE:g} N and more at hand and forearm, as it was reported last before the "
+    "push faded, against the largest that acted. A push without a reported force counts as wrong.",
     "Touches of a robot whose identification failed are not felt. Shares have Wilson's 95 % interval, rates the exact "
     "Poisson one.",
 )
@@ -232,6 +237,28 @@ def _figures(observer: ObserverSummary) -> dict[str, Callable[[str], str]]:
         "direction right 150 ms later": located(lambda one: one.direction_later),
         "end of the contact after the release": _of(observer.ends, _end),
         "torque on turned joints: RMSE; R2": _of(observer.torques, _torque),
+        **_force_figures(observer),
+    }
+
+
+def _force_figures(observer: ObserverSummary) -> dict[str, Callable[[str], str]]:
+    """By name of a figure of the forces at hand and forearm, the function that writes it for a law."""
+
+    def forces(state: str, get: Callable[[Forces], Share]) -> Callable[[str], str]:
+        def text(law: str) -> str:
+            found = observer.force(law, state=state)
+            return "-" if found is None else share_text(get(found))
+
+        return text
+
+    return {
+        name: forces(state, get)
+        for state, where in ((ALL, ""), ("attentive", ", attentive"), ("in motion", ", in motion"))
+        for name, get in (
+            (f"force{where}: within {100.0 * FORCE_TOLERANCE:g} %", lambda one: one.right),
+            (f"force{where}: in the stated interval", lambda one: one.covered),
+            (f"force{where}: scale by a known weight", lambda one: one.known),
+        )
     }
 
 

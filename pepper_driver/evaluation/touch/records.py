@@ -23,6 +23,13 @@ BoardLaw = Literal["nominal", "integral"]
 """Of the motor boards of a robot, called like the plant that has them."""
 
 
+LOG = "log"
+"""Row and state of touches in logs."""
+
+MIN_RISE = 0.1
+"""[s] Least time that the rise and the fall of a force are taken to last."""
+
+
 class RecordError(PepperError, ValueError):
     """A file is no record of the judge."""
 
@@ -32,7 +39,7 @@ class Touched:
     """One touch, as it really acted on the robot.
 
     Attributes:
-        row: Row of the suites that it belongs to; ``log`` in a log.
+        row: Row of the suites that it belongs to; LOG in a log.
         place: Place of the suites, such as ``hand``.
         limb: Limb of its link.
         link: Link.
@@ -60,6 +67,17 @@ class Touched:
     friction_bound: float | None
     moving: bool
     standing_start: bool = False
+
+    @property
+    def fading(self) -> float | None:
+        """Time at which a force that rises, stays and fades begins to fade [s]; None of a touch that may change.
+
+        It fades as fast as it rises, within MIN_RISE at least. Of touches in a log no more is known than their largest
+        force.
+        """
+        if self.force is None or (self.rise is None and self.row != LOG):
+            return None
+        return self.release - max(self.rise or 0.0, MIN_RISE)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -93,18 +111,40 @@ class TorqueEstimate:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
+class ForceEstimate:
+    """Size of the force of one touch, and as the observer reported it last before the force faded [N].
+
+    Attributes:
+        touch: Number of the touch.
+        true: Largest that acted.
+        estimate: That was reported.
+        low, high: Interval that was reported with it.
+        scale_known: True if its scale was measured with a known weight.
+    """
+
+    touch: int
+    true: float
+    estimate: float
+    low: float
+    high: float
+    scale_known: bool
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
 class Hearing:
     """One observer over one take.
 
     Attributes:
         events: In their order.
         torques: Of joints that a touch really turned, where the observer estimates torques.
+        forces: Of pushes that rise and fade, where the observer reports forces; empty in older records.
         threshold_deg: By joint, median threshold while nothing touched the robot [deg].
         failure: Reason why there is no result; empty if there is one.
     """
 
     events: tuple[Heard, ...] = ()
     torques: tuple[TorqueEstimate, ...] = ()
+    forces: tuple[ForceEstimate, ...] = ()
     threshold_deg: dict[str, float] = field(default_factory=dict)
     failure: str = ""
 

@@ -10,6 +10,7 @@ from pepper_driver.config.errors import UnknownNameError
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.evaluation.touch.records import (
     BoardLaw,
+    ForceEstimate,
     Heard,
     Hearing,
     RobotRecord,
@@ -93,6 +94,7 @@ class TouchScore:
         end_error: End of that contact minus release [s]; None if it is not felt or lasts until the end of the take.
         open: True if that contact lasts until the end of the take.
         torques: Pairs of true and estimated torque; empty if not felt.
+        force: True and reported force; None if not felt, or none was reported before it faded.
     """
 
     touch: Touched
@@ -104,6 +106,7 @@ class TouchScore:
     end_error: float | None = None
     open: bool = False
     torques: tuple[TorqueEstimate, ...] = ()
+    force: ForceEstimate | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -390,6 +393,7 @@ def _score_touch(
         end_error=None if end is None else end - touch.release,
         open=end is None,
         torques=tuple(pair for pair in hearing.torques if pair.touch == number),
+        force=next((pair for pair in hearing.forces if pair.touch == number), None),
     )
 
 

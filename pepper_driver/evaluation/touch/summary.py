@@ -15,10 +15,9 @@ from pepper_driver.config import RobotConfig, load_robot
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.config.touch_suites import EVEN, TouchSuites
 from pepper_driver.evaluation.touch.ledger import Figures
-from pepper_driver.evaluation.touch.logs import LOG
 from pepper_driver.evaluation.touch.n90 import ForceTouch, n90
 from pepper_driver.evaluation.touch.observers import FUSION
-from pepper_driver.evaluation.touch.records import BoardLaw, RobotRecord, Touched
+from pepper_driver.evaluation.touch.records import LOG, BoardLaw, RobotRecord, Touched
 from pepper_driver.evaluation.touch.scoring import (
     AFTER_RELEASE,
     FalseEvent,
@@ -33,9 +32,12 @@ from pepper_driver.evaluation.touch.summary_data import (
     ALL,
     EARLY,
     FAST_RISE,
+    FORCE_PLACES,
+    FORCE_TOLERANCE,
     GROUPS,
     PARTS,
     STRONG,
+    STRONG_FORCE,
     UNKNOWN,
     By,
     Cell,
@@ -43,6 +45,7 @@ from pepper_driver.evaluation.touch.summary_data import (
     Ends,
     FalseContacts,
     FalseGroup,
+    Forces,
     ForceShare,
     Located,
     LoweredForces,
@@ -63,6 +66,9 @@ T = TypeVar("T")
 
 LOWERED = 0.97
 """Share of the force asked for; one below it was lowered."""
+
+MIN_FORCE_TIME = 0.3
+"""[s] From the onset to the fading of a force, below which its estimate does not count: a tap is over before."""
 
 FORCE_STEP = 0.1
 """[N] Forces are rounded to it for N90."""
@@ -256,6 +262,7 @@ def _observer(
         delays=_by_law(ones, lambda law, some: _delays(law, some, limits)),
         ends=_by_law(ones, _ends),
         torques=_by_law(ones, _torques),
+        forces=tuple(_forces(ones)),
         motion=_by_law(
             main,
             lambda law, some: RestAndMotion(
@@ -589,6 +596,50 @@ def _torques(law: str, ones: Sequence[_One]) -> Torques:
         pairs=len(pairs),
         rmse=math.sqrt(squared / len(pairs)),
         r2=1.0 - squared / spread if spread > 0.0 else None,
+    )
+
+
+def _forces(ones: Sequence[_One]) -> Iterator[Forces]:
+    """Yield the forces of each law, place and group of states in which one was reported."""
+    if not any(one.score.force is not None for one in ones):
+        return
+    pushes = [
+        one
+        for one in ones
+        if one.touch.place in FORCE_PLACES
+        and one.alone
+        and one.score.felt
+        and one.touch.fading is not None
+        and one.touch.fading > one.touch.onset + MIN_FORCE_TIME
+    ]
+    for law in _laws(one.law for one in pushes):
+        for place in (ALL, *FORCE_PLACES):
+            for state in (ALL, *GROUPS):
+                some = [
+                    one
+                    for one in pushes
+                    if law in (ALL, one.law)
+                    and place in (ALL, one.touch.place)
+                    and state in (ALL, group_of(one.state))
+                ]
+                if some:
+                    yield _forces_of(law, place, state, some)
+
+
+def _forces_of(law: str, place: str, state: str, pushes: Sequence[_One]) -> Forces:
+    estimates = [one.score.force for one in pushes if one.score.force is not None]
+    strong = [one for one in pushes if (one.touch.force or 0.0) >= STRONG_FORCE]
+    of_strong = [one.score.force for one in strong if one.score.force is not None]
+    errors = [pair.estimate / pair.true - 1.0 for pair in of_strong]
+    return Forces(
+        law=law,
+        place=place,
+        state=state,
+        known=Share.among(pair.scale_known for pair in estimates),
+        right=Share.counted(sum(abs(error) <= FORCE_TOLERANCE for error in errors), len(strong)),
+        covered=Share.among(pair.low <= pair.true <= pair.high for pair in of_strong),
+        all_covered=Share.among(pair.low <= pair.true <= pair.high for pair in estimates),
+        error=Quantiles.among(errors, len(strong)),
     )
 
 

@@ -36,6 +36,15 @@ STRONG = 2.0
 EARLY = -0.1
 """[s] A contact that ends longer than this before the release ended early."""
 
+STRONG_FORCE = 15.0
+"""[N] A force from which the error of its estimate counts."""
+
+FORCE_TOLERANCE = 0.3
+"""Error of a force over its size, within which its estimate is right."""
+
+FORCE_PLACES = ("hand", "forearm")
+"""Places whose forces are asked for; the joints before them show the force best."""
+
 PARTS = ("arms", "wrists and hands", "head", "trunk")
 """Of the robot, for false contacts."""
 
@@ -270,6 +279,33 @@ class Torques:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Forces:
+    """Forces that were reported of felt pushes alone on their limb, against those that acted.
+
+    A push that is felt and has no force until it fades is one whose estimate is wrong.
+
+    Attributes:
+        law: Of the robots.
+        place: One place, or ALL for FORCE_PLACES together.
+        state: One group of states, or ALL for all states.
+        known: Estimates whose scale was measured with a known weight.
+        right: Estimates within FORCE_TOLERANCE, of pushes from STRONG_FORCE on.
+        covered: Intervals that hold the force that acted, of the same pushes.
+        all_covered: The same of pushes of every size.
+        error: Estimate over the force that acted, minus 1, of pushes from STRONG_FORCE on.
+    """
+
+    law: str
+    place: str
+    state: str
+    known: Share
+    right: Share
+    covered: Share
+    all_covered: Share
+    error: Quantiles
+
+
+@dataclass(frozen=True, kw_only=True)
 class RestAndMotion:
     """Touches of the row of N90 by what their limb did at the onset: how many of each were felt."""
 
@@ -303,6 +339,7 @@ class ObserverSummary:
         rows: Of the other rows.
         false: False contacts.
         located, delays, ends, torques, motion: By law, ALL first.
+        forces: By law, place and group of states, ALL first; empty if it reports none.
         threshold_deg: By joint, median threshold while nothing touched the robot [deg].
     """
 
@@ -318,6 +355,7 @@ class ObserverSummary:
     delays: tuple[Delays, ...]
     ends: tuple[Ends, ...]
     torques: tuple[Torques, ...]
+    forces: tuple[Forces, ...]
     motion: tuple[RestAndMotion, ...]
     threshold_deg: dict[str, float]
 
@@ -337,6 +375,11 @@ class ObserverSummary:
         """Return the false contacts of a group; None if there is none."""
         found = _found(self.false, suite=suite, law=law, by=by, name=name)
         return None if found is None else found.contacts
+
+    def force(self, law: str = ALL, place: str = ALL, state: str = ALL) -> Forces | None:
+        """Return the forces at a place in a group of states; None if there are none."""
+        found: Forces | None = _found(self.forces, law=law, place=place, state=state)
+        return found
 
     def felt(self, law: str = ALL) -> Share:
         """Return the share of touches of the row of N90 that were felt."""

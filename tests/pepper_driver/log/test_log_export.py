@@ -98,6 +98,10 @@ def test_parquet_comes_back_bit_for_bit(log: RunLog, tmp_path: Path) -> None:
     contacts = parquet.read_table(written[2])
     assert contacts["joint"].to_pylist() == [c.joint for c in log.contacts]
     assert contacts["torque"].to_pylist() == [c.torque for c in log.contacts]
+    forces = [None if c.force is None else list(c.force) for c in log.contacts]
+    assert contacts["force"].to_pylist() == forces
+    assert any(forces)
+    assert contacts["scale_known"].to_pylist() == [c.scale_known for c in log.contacts]
     forces = parquet.read_table(written[5]).to_pylist()
     assert log.forces
     assert forces == [asdict(force) for force in log.forces]
@@ -128,6 +132,12 @@ def test_csv_keeps_every_digit(log: RunLog, tmp_path: Path) -> None:
             if kind == np.float64:  # text knows but one NaN
                 read = np.where(np.isnan(columns[name]), columns[name], read)
             assert same_bits(read, columns[name]), name
+    with written[2].open(newline="", encoding="utf-8") as stream:
+        contacts = list(csv.DictReader(stream))
+    for row, contact in zip(contacts, log.contacts, strict=True):
+        assert tuple(map(float, row["force"].split())) == (contact.force or ())
+        known = "" if contact.scale_known is None else str(int(contact.scale_known))
+        assert row["scale_known"] == known
     with written[3].open(newline="", encoding="utf-8") as stream:
         events = list(csv.DictReader(stream))
     assert [event["joints"] for event in events] == ["HeadYaw HeadPitch", ""]
@@ -147,6 +157,11 @@ def test_npz_holds_everything_and_no_objects(log: RunLog, tmp_path: Path) -> Non
     assert tuple(read["names.position"]) == ROBOT.joint_names
     assert read["contacts.joint"].tolist() == [c.joint or "" for c in log.contacts]
     assert np.isnan(read["contacts.torque"]).tolist() == [c.torque is None for c in log.contacts]
+    for row, scale, contact in zip(
+        read["contacts.force"], read["contacts.scale_known"], log.contacts, strict=True
+    ):
+        assert np.isnan(row).all() if contact.force is None else tuple(row) == contact.force
+        assert np.isnan(scale) if contact.scale_known is None else scale == contact.scale_known
     assert read["events.text"].tolist() == [event.text for event in EVENTS]
     assert json.loads(str(read["metadata"])) == RUN
 

@@ -73,7 +73,13 @@ def test_schema_opens_in_foxglove(topic: JsonTopic[Any]) -> None:
 
 def valid(schema: dict[str, Any], message: dict[str, Any]) -> bool:
     """Whether a message is what its schema says, as far as these schemas go."""
-    types: dict[str, Any] = {"string": str, "integer": int, "number": (int, float), "array": list}
+    types: dict[str, Any] = {
+        "string": str,
+        "integer": int,
+        "number": (int, float),
+        "boolean": bool,
+        "array": list,
+    }
     return set(schema["required"]) <= set(message) and all(
         isinstance(value, types[schema["properties"][name]["type"]])
         and value in schema["properties"][name].get("enum", [value])
@@ -96,6 +102,22 @@ def test_items_come_back_and_fit_their_schema(topic: JsonTopic[Any], item: objec
     message = topic.encode(item)
     assert topic.decode(message) == item
     assert valid(json.loads(topic.schema), json.loads(message))
+
+
+def test_a_contact_of_an_earlier_version_has_no_force() -> None:
+    contact = Samples(1).contact(4)
+    assert contact.force is not None
+    message = json.loads(CONTACTS.encode(contact))
+    new = {
+        "force",
+        "force_covariance",
+        "force_interval",
+        "point",
+        "point_covariance",
+        "scale_known",
+    }
+    old = {name: value for name, value in message.items() if name not in new}
+    assert CONTACTS.decode(json.dumps(old).encode()) == replace(contact, **dict.fromkeys(new))
 
 
 def test_a_label_of_an_earlier_version_has_no_force() -> None:

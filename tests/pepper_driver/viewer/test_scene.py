@@ -132,3 +132,36 @@ def test_the_arrow_of_a_touch_has_the_torque_that_was_felt(scene: RobotScene) ->
     begin, end = arrows["touch 3 std"].start, arrows["touch 3 std"].end
     assert begin == pytest.approx(tip)
     assert np.linalg.norm(end - begin) / np.linalg.norm(tip - start) == pytest.approx(0.5 / 2.5)
+
+
+def test_the_arrow_of_a_fitted_force_is_where_it_acts_however_the_base_stands(
+    scene: RobotScene,
+) -> None:
+    robot = load_robot()
+    base = np.array([0.5, -0.2, 0.5 * np.pi])
+    scene.show(picture(robot.posture("Stand"), base, np.zeros(2)), ())
+    contact = Contact(
+        id=3,
+        phase="update",
+        kind="push",
+        limb="left_arm",
+        joint="LShoulderRoll",
+        link="LBicep",
+        direction=1,
+        intensity_deg=2.0,
+        torque=2.5,
+        torque_std=0.5,
+        force=(12.0, 0.0, -5.0),
+        force_interval=(9.0, 19.5),
+        point=(0.2, 0.1, 0.8),
+        onset_time=0.0,
+        detection_time=0.0,
+        time=0.0,
+    )
+    arrows = dict(touch_arrows(contact, robot, scene.link_pose, centres_of(load_visuals(robot))))
+    arrow, longer = arrows["touch 3"], arrows["touch 3 std"]
+    # The base has turned to the left: its x axis is the y axis of the world.
+    assert arrow.start == pytest.approx([0.5 - 0.1, -0.2 + 0.2, 0.8], abs=1e-9)
+    assert (arrow.end - arrow.start) / FORCE_LENGTH == pytest.approx([0.0, 12.0, -5.0], abs=1e-9)
+    assert longer.start == pytest.approx(arrow.end)
+    assert np.linalg.norm(longer.end - arrow.start) == pytest.approx(19.5 * FORCE_LENGTH)

@@ -1,0 +1,279 @@
+"""Force of a contact on a limb, and its point: fitted to the torque estimates of all joints of the limb."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pepper_driver.config import RobotConfig, SelfCollisionSettings
+from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.self_collision import Capsule
+from pepper_driver.controller.model import RobotModel
+from pepper_driver.observer.residuals.torque_scale import TorqueScale
+
+SPACING = 0.04
+"""[m] Distance of the candidate points along a link, at most."""
+
+SIZES = (2.0, 4.0, 8.0, 16.0, 32.0)
+"""[N] Sizes of forces that are as likely beforehand: rms of a force in any direction."""
+
+SURFACE_RATIO = 1.0 / 3.0
+"""Standard deviation of the lever to the surface over the radius of a link: of all directions, half of them inwards."""
+
+MIN_JOINTS = 2
+"""Joints with a torque estimate below which a force is not determined."""
+
+DRAWS = 32
+"""Samples of each component, of which the interval follows."""
+
+MIN_WEIGHT = 0.01
+"""Of the largest, below which a component does not count for the interval."""
+
+COVERAGE = 0.9
+"""Probability with which the interval has the size of the force."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ContactForce:
+    """Force of a contact and its place, in the axes of base_link.
+
+    Attributes:
+        vector: (3,) on the robot [N]; its length is the median of the size, its direction that of the mean.
+        covariance: (3, 3) [N2].
+        interval: Least and largest size with a probability of COVERAGE [N].
+        point: (3,) on the axis of its link [m].
+        point_covariance: (3, 3) [m2].
+        scale_known: True if a known weight has shown the scale of all torques that it is fitted to.
+    """
+
+    vector: FloatArray
+    covariance: FloatArray
+    interval: tuple[float, float]
+    point: FloatArray
+    point_covariance: FloatArray
+    scale_known: bool
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _LinkPoints:
+    """Candidate points of one link: (m, 3) in its frame [m], (m,) radii and distances of their neighbours [m]."""
+
+    link: str
+    points: FloatArray
+    radius: FloatArray
+    spacing: FloatArray
+
+
+class ForceEstimator:
+    """Estimate of the force of a contact on a limb by its joint torques.
+
+    The points on which a force may act are those of the capsules of the robot's description. At each of them the force
+    follows from the torques by weighted least squares, with a size that is known beforehand to some degree (SIZES). How
+    well a point and a size explain the torques is their weight; force and point are means over them. A direction in
+    which no joint turns, and a place between which the joints cannot choose, thus show in the covariances.
+
+    Joints without a current that shows their torque, and those of the hands, are left out.
+
+    Args:
+        robot: Its description.
+        capsules: Capsules of its links.
+        scale: Scale of the torques.
+    """
+
+    def __init__(
+        self, robot: RobotConfig, capsules: SelfCollisionSettings, scale: TorqueScale
+    ) -> None:
+        self._model, self._scale = RobotModel(robot), scale
+        self._draws = _normal_draws(DRAWS)
+        self._joints: dict[str, list[int]] = {}
+        self._points: dict[str, list[_LinkPoints]] = {}
+        for limb, chain in robot.limbs.items():
+            moving = [name for name in chain if name not in robot.hands.joints]
+            indices = [robot.joint_index(name) for name in moving]
+            self._joints[limb] = [j for j in indices if scale.by_current[j]]
+            links = [robot.joints[j].child for j in indices]
+            self._points[limb] = [
+                _sample(link, capsules.capsules[link])
+                for link in links
+                if link in capsules.capsules
+            ]
+
+    def estimate(
+        self,
+        limb: str,
+        torque: FloatArray,
+        torque_std: FloatArray,
+        usable: BoolArray,
+        position: FloatArray,
+    ) -> ContactForce | None:
+        """Fit a force to the torques of a limb.
+
+        Args:
+            limb: Name of the limb.
+            torque: (n,) external torques [N m].
+            torque_std: (n,) their standard deviation without that of their scale [N m].
+            usable: (n,) joints that can be judged.
+            position: (n,) measured [rad].
+
+        Returns:
+            None where less than MIN_JOINTS joints of the limb have a torque, or its description has no points.
+        """
+        joints = [
+            j
+            for j in self._joints[limb]
+            if usable[j] and np.isfinite(torque[j]) and torque_std[j] > 0.0
+        ]
+        parts = self._points[limb]
+        if len(joints) < MIN_JOINTS or not parts or not np.isfinite(position).all():
+            return None
+        placed = [self._model.place_points(part.link, part.points, position) for part in parts]
+        points = np.concatenate([place for place, _ in placed])
+        jacobians = np.concatenate([jacobian[:, :, joints] for _, jacobian in placed])
+        radius = np.concatenate([part.radius for part in parts])
+        spacing = np.concatenate([part.spacing for part in parts])
+        measured = torque[joints]
+        variance = torque_std[joints] ** 2 + (self._scale.std[joints] * measured) ** 2
+        levers = jacobians.transpose(0, 2, 1)
+        fits = fit_forces(levers, measured, variance, radius)
+        excess = fits.misfit / len(joints)
+        if excess > 1.0:
+            # No force at one place explains these torques: they are less certain than they seem.
+            fits = fit_forces(levers, measured, excess * variance, radius)
+        return self._average(
+            fits, points, radius, spacing, scale_known=bool(self._scale.known[joints].all())
+        )
+
+    def _average(
+        self,
+        fits: ForceFits,
+        points: FloatArray,
+        radius: FloatArray,
+        spacing: FloatArray,
+        *,
+        scale_known: bool,
+    ) -> ContactForce:
+        weight = fits.weight
+        mean, covariance = _mixture(weight, fits.mean, fits.covariance)
+        low, middle, high = self._sizes(fits)
+        length = float(np.linalg.norm(mean))
+        at_point = weight.reshape(len(points), -1).sum(axis=1)
+        around = (radius**2 / 3.0 + spacing**2 / 12.0)[:, None, None] * np.eye(3)
+        point, point_covariance = _mixture(at_point, points, around)
+        return ContactForce(
+            vector=mean * (middle / length) if length > 0.0 else mean,
+            covariance=covariance,
+            interval=(low, high),
+            point=point,
+            point_covariance=point_covariance,
+            scale_known=scale_known,
+        )
+
+    def _sizes(self, fits: ForceFits) -> tuple[float, float, float]:
+        """Return least, median and largest size of the force [N]."""
+        likely = fits.weight > MIN_WEIGHT * fits.weight.max()
+        roots = np.linalg.cholesky(fits.covariance[likely])
+        forces = fits.mean[likely, None] + self._draws @ roots.transpose(0, 2, 1)
+        sizes = np.sqrt(np.einsum("cdi,cdi->cd", forces, forces)).ravel()
+        order = np.argsort(sizes)
+        share = np.cumsum(np.repeat(fits.weight[likely], len(self._draws))[order])
+        tail = 0.5 * (1.0 - COVERAGE)
+        places = np.searchsorted(share, share[-1] * np.array((tail, 0.5, 1.0 - tail)))
+        low, middle, high = sizes[order[places]].tolist()
+        return low, middle, high
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ForceFits:
+    """Forces at m points with k sizes that are assumed beforehand, (m k,) components, sizes of one point in sequence.
+
+    Attributes:
+        weight: (m k,) probability.
+        mean: (m k, 3) [N].
+        covariance: (m k, 3, 3) [N2].
+        misfit: Least sum of squares of a component, over their variances.
+    """
+
+    weight: FloatArray
+    mean: FloatArray
+    covariance: FloatArray
+    misfit: float
+
+
+def fit_forces(
+    levers: FloatArray,
+    torque: FloatArray,
+    variance: FloatArray,
+    radius: FloatArray,
+    sizes: Sequence[float] = SIZES,
+) -> ForceFits:
+    """Fit a force at each point to joint torques.
+
+    Args:
+        levers: (m, n, 3) torque on each joint per force at each point [m].
+        torque: (n,) measured [N m].
+        variance: (n,) of it [N2 m2].
+        radius: (m,) of the link around each point [m]: the force acts on its surface.
+        sizes: (k,) that are assumed beforehand [N].
+    """
+    size = np.asarray(sizes)
+    inner = np.any(levers != 0.0, axis=2)  # joints that carry the point
+    off_axis = (SURFACE_RATIO * np.multiply.outer(radius, size)) ** 2
+    noise = variance + off_axis[:, :, None] * inner[:, None, :]  # (m, k, n)
+    prior = 3.0 / size**2  # per axis [1/N2]
+    weighted = levers[:, None] / noise[..., None]  # (m, k, n, 3)
+    precision = weighted.transpose(0, 1, 3, 2) @ levers[:, None]
+    precision += prior[None, :, None, None] * np.eye(3)
+    covariance = np.linalg.inv(precision)
+    pull = torque @ weighted  # (m, k, 3)
+    mean = (covariance @ pull[..., None])[..., 0]
+    misfit = (torque**2 / noise).sum(axis=2) - (pull * mean).sum(axis=2)
+    log_weight = -0.5 * (
+        misfit + np.log(noise).sum(axis=2) + np.log(np.linalg.det(precision)) - 3.0 * np.log(prior)
+    )
+    weight = np.exp(log_weight - log_weight.max()).ravel()
+    return ForceFits(
+        weight=weight / weight.sum(),
+        mean=mean.reshape(-1, 3),
+        covariance=covariance.reshape(-1, 3, 3),
+        misfit=float(misfit.min()),
+    )
+
+
+def _mixture(
+    weight: FloatArray, means: FloatArray, covariances: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and covariance of a mixture."""
+    mean = weight @ means
+    off = means - mean
+    covariance = np.einsum("c,cij->ij", weight, covariances) + (weight[:, None] * off).T @ off
+    return mean, covariance
+
+
+def _sample(link: str, capsules: Sequence[Capsule]) -> _LinkPoints:
+    """Return points along the axes of the capsules of a link."""
+    points, radius, spacing = [], [], []
+    for capsule in capsules:
+        start, end = np.array(capsule.start), np.array(capsule.end)
+        length = float(np.linalg.norm(end - start))
+        count = 1 + int(np.ceil(length / SPACING))
+        points.append(np.linspace(start, end, count))
+        radius += [capsule.radius] * count
+        spacing += [length / max(count - 1, 1)] * count
+    return _LinkPoints(
+        link=link,
+        points=np.concatenate(points),
+        radius=np.array(radius),
+        spacing=np.array(spacing),
+    )
+
+
+def _normal_draws(count: int) -> FloatArray:
+    """Return (count, 3) samples of a standard normal, the same in every session: pairs of opposite ones."""
+    half = np.random.default_rng(0).standard_normal((count // 2, 3))
+    draws = np.concatenate((half, -half))
+    # Exact second moments: a few samples must not make a force more certain.
+    root = np.linalg.cholesky(draws.T @ draws / count)
+    scaled: FloatArray = draws @ np.linalg.inv(root).T
+    return scaled
