@@ -210,7 +210,7 @@ class LogEvent:
         time: Clock of the robot [s].
         kind: A ``reflex`` began or ceased to act, or was given other joints; a ``fault`` stopped the robot; a touch
             ``sensor``, bumper or button was pressed or released; a ``step`` of a motion began; a ``cue`` was given; a
-            simulated robot was pushed by ``push``; the robot began or ceased to be ``attentive``, or a joint is less so.
+            simulated robot was pushed by ``push``; it began or ceased to be ``attentive``, or a joint became less so.
         name: Of the reflex with its number, the sensor or step, the kind of fault or cue, the link pushed.
         phase: ``begin`` or ``end`` of a reflex, of a press, or of being attentive; ``update`` of a reflex that is given
             other joints, or of a joint that is less attentive; None for what has no duration.
