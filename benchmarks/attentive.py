@@ -1,4 +1,4 @@
-"""What the oscillation of an attentive robot buys and costs, by wave form, slide and period.
+"""Benefit and cost of the oscillation of an attentive robot, by wave form, slide and period.
 
 Motion: robots of the development split stand with bent arms, and nothing touches them. The ground truth gives the share
 of time in which joints slide, the longest time in which one does not, gear travel, and motion of the hand. Currents are

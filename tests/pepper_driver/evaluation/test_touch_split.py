@@ -68,20 +68,20 @@ def test_an_interrupted_night_goes_on_with_the_takes_that_it_has(
 ) -> None:
     performed: list[str] = []
 
-    def interrupted(spec: TakeSpec, models: Path | None) -> Any:
+    def interrupted(spec: TakeSpec, models: Path | None, **more: Any) -> Any:
         if performed:
             raise KeyboardInterrupt
         performed.append(spec.name)
-        return perform(spec, models)
+        return perform(spec, models, **more)
 
     monkeypatch.setattr(split, "perform", interrupted)
     with pytest.raises(KeyboardInterrupt):
         judge(judging, [0], workers=1)
     kept = performed[:]
 
-    def counted(spec: TakeSpec, models: Path | None) -> Any:
+    def counted(spec: TakeSpec, models: Path | None, **more: Any) -> Any:
         performed.append(spec.name)
-        return perform(spec, models)
+        return perform(spec, models, **more)
 
     monkeypatch.setattr(split, "perform", counted)
     (record,) = judge(judging, [0], workers=1)
@@ -263,10 +263,10 @@ def test_an_interrupted_look_is_resumed_on_its_line_and_commit(
 ) -> None:
     monkeypatch.setattr(split, "PART", 1)
 
-    def interrupted(spec: TakeSpec, models: Path | None) -> Any:
+    def interrupted(spec: TakeSpec, models: Path | None, **more: Any) -> Any:
         if spec.draw == 41:
             raise KeyboardInterrupt
-        return perform(spec, models)
+        return perform(spec, models, **more)
 
     monkeypatch.setattr(split, "perform", interrupted)
     with pytest.raises(KeyboardInterrupt):
