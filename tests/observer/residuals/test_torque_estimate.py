@@ -66,7 +66,7 @@ class Joint:
         (-0.05, -0.03, -0.04),
         (0.01, 0.03, 0.02),
         (0.50, 0.03, 0.045),  # a board at its limit: twice what the current shows
-        (-0.04, 0.03, 0.015),  # a board that follows another target
+        (-0.04, 0.03, 0.0),  # a board that follows another target
         (0.04, 0.0, 0.0),
     ],
 )
