@@ -14,7 +14,8 @@ from pepper_driver.observer.residuals.fusion import (
     TORQUE_DOUBT,
     TorqueEstimate,
 )
-from support.fusion import CYCLE, PER_AMPERE, STICK_SLIP, fusion_model
+from support.fusion import PER_AMPERE, STICK_SLIP, fusion_model
+from support.observer import CYCLE
 
 K, SPREAD, THRESHOLD = 70.0, 0.001, 0.01
 """Stiffness [N m/rad] of a known weight, spread and threshold [rad]."""
