@@ -22,6 +22,9 @@ SIZES = (2.0, 4.0, 8.0, 16.0, 32.0)
 SURFACE_RATIO = 1.0 / 3.0
 """Standard deviation of the lever to the surface over the radius of a link: of all directions, half of them inwards."""
 
+MIN_STD = 0.02
+"""[N m] Standard deviation that every torque has: levers are not known better."""
+
 MIN_JOINTS = 2
 """Joints with a torque estimate below which a force is not determined."""
 
@@ -121,9 +124,7 @@ class ForceEstimator:
             None where less than MIN_JOINTS joints of the limb have a torque, or its description has no points.
         """
         joints = [
-            j
-            for j in self._joints[limb]
-            if usable[j] and np.isfinite(torque[j]) and torque_std[j] > 0.0
+            j for j in self._joints[limb] if usable[j] and np.isfinite(torque[j] + torque_std[j])
         ]
         parts = self._points[limb]
         if len(joints) < MIN_JOINTS or not parts or not np.isfinite(position).all():
@@ -134,7 +135,8 @@ class ForceEstimator:
         radius = np.concatenate([part.radius for part in parts])
         spacing = np.concatenate([part.spacing for part in parts])
         measured = torque[joints]
-        variance = torque_std[joints] ** 2 + (self._scale.std[joints] * measured) ** 2
+        variance = np.maximum(torque_std[joints], MIN_STD) ** 2
+        variance += (self._scale.std[joints] * measured) ** 2
         levers = jacobians.transpose(0, 2, 1)
         fits = fit_forces(levers, measured, variance, radius)
         excess = fits.misfit / len(joints)

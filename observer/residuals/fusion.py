@@ -121,10 +121,10 @@ def _estimate_torque(
         state.slip = min(max(slip, -state.friction), state.friction)
         state.position = position[j]
         # A board at its limit, or one that sums up errors, does not hold what its law says: the current shows it.
-        by_current = channels[n + j]
-        by_model = channels[j] if channels[j] * by_current > 0.0 else 0.0
-        limited = math.copysign(min(abs(by_model), 2.0 * abs(by_current)), by_current)
-        residual = 0.5 * (limited + by_current)
+        by_model, by_current, residual = channels[j], channels[n + j], 0.0
+        if by_model * by_current > 0.0:
+            limited = min(abs(by_model), 2.0 * abs(by_current))
+            residual = 0.5 * (by_current + math.copysign(limited, by_current))
         reversed_part, doubt = 0.0, SLIDING_DOUBT
         if not moving[j]:
             doubt = HIDING_DOUBT
@@ -132,7 +132,7 @@ def _estimate_torque(
                 doubt, reversed_part = RESTING_DOUBT, state.slip - friction[j]
         estimate = state.stiffness * (reversed_part - residual)
         torque[j] = _bounded_torque(states, j, estimate, load_torque[j], current[j])
-        measured = math.hypot(state.spread, 0.5 * (limited - by_current))
+        measured = math.hypot(state.spread, by_current - residual)
         unknown = math.hypot(doubt * state.friction, TORQUE_DOUBT * torque[j] / state.stiffness)
         torque_std[j] = state.stiffness * math.hypot(measured, unknown)
 
@@ -140,8 +140,8 @@ def _estimate_torque(
 class TorqueEstimate:
     """External torque tau_ext = -K r, and of a joint at rest the friction that the push has reversed.
 
-    r is the mean of both channels; that of the model counts twice that of the current at most, and nothing where it
-    contradicts it. A push that moves a joint at rest also reverses its friction, which then acts against the push
+    r is the mean of both channels, and 0 where they contradict each other; that of the model counts at most twice that
+    of the current. A push that moves a joint at rest also reverses its friction, which then acts against the push
     (Dahl's model, on the measured motion). A joint that moves goes on sliding: there the friction stays as expected.
 
     -K r is the torque that a board without limits would have given. Once a motor board gives no more, the joint is
@@ -149,7 +149,7 @@ class TorqueEstimate:
     oppose a hand: the torque of the motor, friction, and the load. The current shows the torque of the motor, where
     identification found that it does; in any case it is at most the documented one.
 
-    The standard deviation has the spread of r in free motion, half of the difference of the channels, friction, and
+    The standard deviation has the spread of r in free motion, its difference from the current's, friction, and
     TORQUE_DOUBT; not that of the scale K.
 
     Args:

@@ -14,7 +14,6 @@ from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.interface import Contact
 from pepper_driver.observer.models.measured_robot import MeasuredJoint, MeasuredRobot
 from support.fusion import (
-    CYCLE,
     MODEL,
     drive,
     fusion_observer,
@@ -23,7 +22,7 @@ from support.fusion import (
     standing,
     ticks_of,
 )
-from support.observer import JOINTS, ROBOT, SETTINGS, models, tick
+from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS, models, tick
 
 ARM = ("LShoulderPitch", "LShoulderRoll", "LElbowYaw", "LElbowRoll")
 FORCE, POINT = np.array([-6.0, 21.0, -18.0]), np.array([0.06, 0.0, 0.0])

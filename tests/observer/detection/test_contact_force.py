@@ -284,6 +284,19 @@ def test_an_unknown_posture_has_no_force() -> None:
     assert estimator().estimate("left_arm", torque, np.full(N, 0.1), ALL, posture) is None
 
 
+@pytest.mark.parametrize("std", [0.0, 1e-300, 1e-6, 1e3, 1e100])
+@pytest.mark.parametrize("size", [0.0, 1e-12, 5.0, 1e6, 1e12])
+def test_torques_of_any_size_give_finite_numbers(size: float, std: float) -> None:
+    random = np.random.default_rng(3)
+    for limb in ("left_arm", "right_arm", "head"):
+        torque = size * random.standard_normal(N)
+        found = estimator(0.15).estimate(limb, torque, np.full(N, std), ALL, BENT)
+        assert found is not None
+        values = (found.vector, found.covariance, found.point, found.point_covariance)
+        assert all(np.isfinite(value).all() for value in values)
+        assert 0.0 <= found.interval[0] <= found.interval[1] < np.inf
+
+
 def test_no_torque_is_a_small_force_with_a_finite_interval() -> None:
     found = estimator().estimate("left_arm", np.zeros(N), np.full(N, 0.2), ALL, BENT)
     assert found is not None

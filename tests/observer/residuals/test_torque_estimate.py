@@ -14,7 +14,8 @@ from pepper_driver.observer.residuals.fusion import (
     TORQUE_DOUBT,
     TorqueEstimate,
 )
-from support.fusion import CYCLE, PER_AMPERE, STICK_SLIP, fusion_model
+from support.fusion import PER_AMPERE, STICK_SLIP, fusion_model
+from support.observer import CYCLE
 
 K, SPREAD, THRESHOLD = 70.0, 0.001, 0.01
 """Stiffness [N m/rad] of a known weight, spread and threshold [rad]."""
@@ -66,7 +67,7 @@ class Joint:
         (-0.05, -0.03, -0.04),
         (0.01, 0.03, 0.02),
         (0.50, 0.03, 0.045),  # a board at its limit: twice what the current shows
-        (-0.04, 0.03, 0.015),  # a board that follows another target
+        (-0.04, 0.03, 0.0),  # a board that follows another target
         (0.04, 0.0, 0.0),
     ],
 )

@@ -107,17 +107,18 @@ def test_items_come_back_and_fit_their_schema(topic: JsonTopic[Any], item: objec
 def test_a_contact_of_an_earlier_version_has_no_force() -> None:
     contact = Samples(1).contact(4)
     assert contact.force is not None
-    message = json.loads(CONTACTS.encode(contact))
-    new = {
+    names = (
         "force",
         "force_covariance",
         "force_interval",
         "point",
         "point_covariance",
         "scale_known",
-    }
-    old = {name: value for name, value in message.items() if name not in new}
-    assert CONTACTS.decode(json.dumps(old).encode()) == replace(contact, **dict.fromkeys(new))
+    )
+    nothing: dict[str, Any] = dict.fromkeys(names)
+    message = json.loads(CONTACTS.encode(contact))
+    old = {name: value for name, value in message.items() if name not in nothing}
+    assert CONTACTS.decode(json.dumps(old).encode()) == replace(contact, **nothing)
 
 
 def test_a_label_of_an_earlier_version_has_no_force() -> None:
