@@ -548,8 +548,9 @@ def baselines(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
         "Beside other observers",
         table(header, rows),
         "All see the same ticks of the same robots, with models of each robot. `NAME` has the threshold that was "
-        "published; `NAME@matched` the one that gives the false contacts of ours on the development robots, chosen "
-        "once. The paper moved and watched shoulders and elbows alone, hence the parts of the robot.",
+        "published; `NAME@matched` the lowest of those tried that gives at most the false contacts of ours on the "
+        "development robots, chosen once. The paper moved and watched shoulders and elbows alone, hence the parts of "
+        "the robot.",
     )
 
 
