@@ -66,6 +66,7 @@ def main() -> int:
         folder=options.folder,
         records=options.folder / "matching",
         touch=False,
+        keep_recordings=True,
     )
     with make_progress(console, count=True) as progress:
         bar = progress.add_task("judging", total=None)
