@@ -11,6 +11,7 @@ import pytest
 
 from pepper_driver.backends import make_backend
 from pepper_driver.config import ConfigError, PepperError
+from pepper_driver.config.cluster import sources_hash
 from pepper_driver.config.files import OutputError
 from pepper_driver.config.population import HeldOutDrawError, allow_test_draws
 from pepper_driver.identification import (
@@ -239,13 +240,12 @@ def test_kept_recordings_serve_the_next_fit(
     first = identified(tmp_path, 2, keep_recordings=True)
     assert runs
     runs.clear()
-    real = population_module.sources_hash
     apart = population_module._APART
     # As if a file of the observer had changed.
     monkeypatch.setattr(
         population_module,
         "sources_hash",
-        lambda patterns: "changed" if patterns == apart else real(patterns),
+        lambda patterns: "changed" if patterns == apart else sources_hash(patterns),
     )
     (again,) = identified(tmp_path, 2)
     assert again.state == "identified"
