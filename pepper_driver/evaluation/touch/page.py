@@ -51,7 +51,7 @@ FEW_ROBOTS = 8
 """Robots of a law: with fewer, an interval by bootstrap over robots is too short."""
 
 SUITES: dict[Suite, str] = {
-    "free": "nobody touches the robot",
+    "free": "the robot is left alone",
     "touch": "people touch it",
     ALL: "together",
 }
@@ -205,7 +205,7 @@ def _figures(observer: ObserverSummary) -> dict[str, Callable[[str], str]]:
         return text
 
     return {
-        "false contacts an hour (begins and moves), nobody touches": false("free", _rate),
+        "false contacts an hour (begins and moves), left alone": false("free", _rate),
         "the same, people touch": false("touch", _rate),
         "the same, together": false(ALL, _rate),
         "the same, worst robot": lambda law: _worst_false(observer, law),
@@ -216,7 +216,7 @@ def _figures(observer: ObserverSummary) -> dict[str, Callable[[str], str]]:
         f"delay, rises up to {1e3 * FAST_RISE:.0f} ms, from the onset": delay(lambda one: one.fast),
         "delay, slower rises, from passing N90": delay(lambda one: one.slow),
         f"delay, {STRONG:g} times N90 and more": delay(lambda one: one.strong),
-        "first told on the right limb": located(lambda one: one.first_limb),
+        "first reported on the right limb": located(lambda one: one.first_limb),
         "limb right 150 ms after the alarm": located(lambda one: one.limb_later),
         "joint right at the alarm": located(lambda one: one.joint),
         "joint right 150 ms later": located(lambda one: one.joint_later),
@@ -501,7 +501,7 @@ def _robots_table(summary: TouchSummary, observer: ObserverSummary) -> str:
             ]
         )
     return table(
-        ("robot", "felt of row `even`", "false, nobody touches", "false, people touch", "fit [%]"),
+        ("robot", "felt of row `even`", "false, left alone", "false, people touch", "fit [%]"),
         rows,
     )
 
@@ -524,7 +524,7 @@ def baselines(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
         "observer",
         *(f"N90 hand, {group}, `{law}`" for group, law in places),
         "felt of row `even`",
-        "false/h, nobody touches",
+        "false/h, left alone",
         "false/h, people touch",
         *(f"false/h, {part}" for part in PARTS),
         "delay [ms]",
