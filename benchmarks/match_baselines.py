@@ -34,7 +34,7 @@ FACTORS = {
     "paper-cart": (1.0, 6.0, 6.5, 7.0, 7.5, 8.0),
     "error": (1.0, 7.0, 7.2, 7.4, 7.7, 8.0),
 }
-"""Fine where runs with others came down to the false contacts of ours."""
+"""1, and a fine grid where coarser ones came down to the false contacts of ours."""
 
 
 def false_contacts(summary: TouchSummary, observer: str) -> int:
@@ -66,6 +66,7 @@ def main() -> int:
         folder=options.folder,
         records=options.folder / "matching",
         touch=False,
+        keep_recordings=True,
     )
     with make_progress(console) as progress:
         bar = progress.add_task("judging", total=None)

@@ -152,6 +152,7 @@ def judge_split(options: SplitOptions, workers: Workers, console: Console) -> Ju
         records=options.folder / options.split,
         quick=options.quick,
         touch="touch" in parts,
+        keep_recordings=options.split == "development",
     )
     if isinstance(workers, Cluster):
         workers.check(

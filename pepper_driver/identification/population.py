@@ -45,6 +45,15 @@ _APART = (
 )
 """Files that models do not depend on, or whose content counts in another way."""
 
+_NOT_RECORDED = (
+    *(f"observer/{name}/*" for name in ("detection", "fitting", "models", "residuals")),
+    *(f"observer/{name}.py" for name in ("contact_observer", "running_filters", "scoring")),
+    *(f"identification/{name}.py" for name in ("fit", "population", "quality")),
+    "config/observer.yaml",
+    "observers.py",
+)
+"""More files that recordings do not depend on: no observer runs while they are made."""
+
 State = Literal["identified", "kept", "failed"]
 
 
@@ -107,20 +116,17 @@ class _Motion:
 
 @dataclass(frozen=True, kw_only=True)
 class _Robot:
-    """A robot to be identified: where its models and reports, and meanwhile its recordings, are kept."""
+    """A robot to be identified: where its models, reports and recordings are kept."""
 
     draw: int
     name: str
     uri: str
     file: Path
+    recordings: Path
 
     @property
     def report(self) -> Path:
         return self.file.with_name(f"{self.file.stem}-report.json")
-
-    @property
-    def recordings(self) -> Path:
-        return self.file.with_name(f"{self.file.stem}-recordings")
 
     def other_files(self, motion: _Motion) -> tuple[Path, ...]:
         return tuple(
@@ -141,6 +147,7 @@ def identify_population(
     seed: int = 0,
     mirror: bool = True,
     share_types: bool = False,
+    keep_recordings: bool = False,
     workers: Workers = -1,
     progress: RobotProgress | None = None,
 ) -> tuple[IdentifiedRobot, ...]:
@@ -155,13 +162,15 @@ def identify_population(
             :func:`pepper_driver.config.population.allow_test_draws`.
         experiment: An experiment with sweeps.
         kind: Of the models.
-        folder: For model files; recordings are kept there until their robot is identified.
+        folder: For model files and recordings.
         other_kinds: Of models that are fitted to the same recordings too, each in a file of its own.
         joints: To identify; None for those of the experiment.
         calibration: Free motion of the whole body, for thresholds; None for none.
         seed: Root of the random motion and noise.
         mirror: Also models of the other side, from the recordings seen in a mirror.
         share_types: One model per motor type.
+        keep_recordings: True to keep them when their robot is identified, some 400 MB each: where nothing but the
+            observer or its fit has changed, models are then fitted to them again. Older ones are not removed.
         workers: Processes, -1 for one per core; or a cluster, whose workers keep no recordings.
         progress: Called when a robot is done.
 
@@ -209,7 +218,7 @@ def identify_population(
             if kept[robot.draw] is None
         ]
         for robot, result in run_jobs(jobs, workers=workers, ordered=False):
-            take(_save(robot, motion, result))
+            take(_save(robot, motion, result, keep_recordings))
     return tuple(done[draw] for draw in draws)
 
 
@@ -221,6 +230,7 @@ def _make_robots(
         raise ConfigError(f"backend '{uri}': its draw says nothing beside a list of draws")
     uri = experiment_uri(uri, motion.experiment)
     code = {**environment(), SOURCES: sources_hash(_APART)}
+    driven = {**environment(), SOURCES: sources_hash((*_APART, *_NOT_RECORDED))}
     made, failed, first = [], [], None
     # The largest first: where one is refused for all, it is.
     for draw in sorted(draws, reverse=True):
@@ -240,26 +250,41 @@ def _make_robots(
         # What is left of the address is not in the robot's identity: noise, posture, world.
         apart = {key: value for key, value in query.items() if key not in ("draw", "day")}
         key = content_hash([info.identity, apart, _content(motion), code])
-        file = folder / f"{name}-{key}.json"
-        made.append(_Robot(draw=draw, name=info.name or name, uri=drawn, file=file))
+        recorded = content_hash([info.identity, apart, _recorded(motion), driven])
+        made.append(
+            _Robot(
+                draw=draw,
+                name=info.name or name,
+                uri=drawn,
+                file=folder / f"{name}-{key}.json",
+                recordings=folder / f"{name}-{recorded}-recordings",
+            )
+        )
     if first is not None and not made:
         raise first
     return sorted(made, key=lambda one: one.draw), failed
 
 
-def _content(motion: _Motion) -> dict[str, Any]:
+def _recorded(motion: _Motion) -> dict[str, Any]:
+    """Return what a robot does."""
     body = motion.calibration
     return {
         "experiment": experiment_hash(motion.experiment),
         "calibration": None if body is None else experiment_hash(body),
         "joints": motion.joints,
         "tested": motion.tested,
-        "kind": motion.kind,
         "seed": motion.seed,
+    }
+
+
+def _content(motion: _Motion) -> dict[str, Any]:
+    """Return what a robot does, and what is fitted to it."""
+    return {
+        **_recorded(motion),
+        "kind": motion.kind,
+        "other_kinds": motion.other_kinds,
         "mirror": motion.mirror,
         "share_types": motion.share_types,
-        # A file without other kinds is the same as before there were any.
-        **({"other_kinds": motion.other_kinds} if motion.other_kinds else {}),
     }
 
 
@@ -341,9 +366,9 @@ def _folder(one: _Robot, keep: bool) -> Iterator[Path]:
 
 
 def _save(
-    one: _Robot, motion: _Motion, result: tuple[Identification, ...] | str
+    one: _Robot, motion: _Motion, result: tuple[Identification, ...] | str, keep_recordings: bool
 ) -> IdentifiedRobot:
-    """Write the models of a robot, and remove its recordings; those of one that failed stay to be looked at."""
+    """Write the models of a robot, and remove its recordings or keep them; those of one that failed stay."""
     if isinstance(result, str):
         return IdentifiedRobot(
             draw=one.draw, name=one.name, state="failed", reason=result, report={}
@@ -355,7 +380,8 @@ def _save(
     for other, file in zip(others, files, strict=True):
         other.models.save(file)
     main.models.save(one.file)
-    shutil.rmtree(one.recordings, ignore_errors=True)
+    if not keep_recordings:
+        shutil.rmtree(one.recordings, ignore_errors=True)
     return IdentifiedRobot(
         draw=one.draw,
         name=one.name,

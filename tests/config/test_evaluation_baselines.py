@@ -23,7 +23,7 @@ chosen_on: nothing
 def test_each_static_baseline_has_a_factor(tmp_path: Path) -> None:
     shipped = load_evaluation_baselines()
     assert set(shipped.factors) == set(STATIC_BASELINES)
-    # Their thresholds are as low as they may be: more false contacts at the published ones.
+    # At the published thresholds each has more false contacts than ours.
     assert min(shipped.factors.values()) > 1.0
     path = tmp_path / "own.yaml"
     path.write_text(TEXT.replace("momentum: 1.0", "momentum: 2.5"))

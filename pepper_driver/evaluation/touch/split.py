@@ -76,6 +76,7 @@ class Judging:
         touch: False to leave out the takes with touches.
         folder: For models and takes of robots that are not complete.
         records: For the record of each robot that is.
+        keep_recordings: Whether those of the identifications stay in ``folder``, for the next observer.
     """
 
     suites: TouchSuites
@@ -85,6 +86,7 @@ class Judging:
     records: Path
     quick: bool = False
     touch: bool = True
+    keep_recordings: bool = False
 
     def specs(self, draw: int) -> tuple[TakeSpec, ...]:
         """Return the takes of a robot."""
@@ -269,6 +271,7 @@ def _identify(
         other_kinds=TREES,
         calibration=load_experiment(CALIBRATION, robot),
         seed=experiment.seed,
+        keep_recordings=judging.keep_recordings,
         workers=workers,
         progress=lambda one, done, all_: progress(one),
     )

@@ -112,7 +112,7 @@ def test_the_page_says_what_the_summary_has() -> None:
         assert line(page, f"hand, `{law}`") == f"| hand, `{law}` | {' | '.join(expected)} |"
     free = ours(summary).false_contacts("free", "nominal")
     assert free is not None
-    row = line(page, "false contacts an hour (begins and moves), nobody touches")
+    row = line(page, "false contacts an hour (begins and moves), left alone")
     assert f"{rate_text(free.rate)}, {free.events} in 4.0 h" in row
     assert line(page, "trunk, STANDING").count("> 30") == 4
     # `attentive` is a group of its own, and not written twice.

@@ -4,12 +4,14 @@ import json
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import pytest
 
 from pepper_driver.backends import make_backend
 from pepper_driver.config import ConfigError, PepperError
+from pepper_driver.config.cluster import sources_hash
 from pepper_driver.config.files import OutputError
 from pepper_driver.config.population import HeldOutDrawError, allow_test_draws
 from pepper_driver.identification import (
@@ -30,10 +32,23 @@ JOINT = "LElbowRoll"
 
 
 def identified(
-    folder: Path, *draws: int, workers: int = 1, seed: int = 0, uri: str = PLANT
+    folder: Path,
+    *draws: int,
+    workers: int = 1,
+    seed: int = 0,
+    uri: str = PLANT,
+    keep_recordings: bool = False,
 ) -> tuple[IdentifiedRobot, ...]:
     return identify_population(
-        uri, draws, SHORT, "affine", folder, joints=[JOINT], seed=seed, workers=workers
+        uri,
+        draws,
+        SHORT,
+        "affine",
+        folder,
+        joints=[JOINT],
+        seed=seed,
+        keep_recordings=keep_recordings,
+        workers=workers,
     )
 
 
@@ -217,6 +232,44 @@ def test_what_was_interrupted_continues(
     assert len(performed) == 1
     assert performed[0] not in kept
     assert not recordings.exists()
+
+
+def test_kept_recordings_serve_the_next_fit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, runs: list[tuple[str, str]]
+) -> None:
+    first = identified(tmp_path, 2, keep_recordings=True)
+    assert runs
+    runs.clear()
+    apart = population_module._APART
+    # As if a file of the observer had changed.
+    monkeypatch.setattr(
+        population_module,
+        "sources_hash",
+        lambda patterns: "changed" if patterns == apart else sources_hash(patterns),
+    )
+    (again,) = identified(tmp_path, 2)
+    assert again.state == "identified"
+    assert not runs
+    assert again.file is not None
+    assert first[0].file is not None
+    assert again.file != first[0].file
+    assert ModelSet.load(again.file) == ModelSet.load(first[0].file)
+    assert not list(tmp_path.glob("*-recordings"))
+
+
+def test_what_drives_a_robot_counts_for_its_recordings() -> None:
+    names = (
+        "robot.py",
+        "session.py",
+        "identification/runs.py",
+        "observer/recording.py",
+        "controller/qp.py",
+    )
+    patterns = (*population_module._APART, *population_module._NOT_RECORDED)
+    for name in (*names, "config/controller.yaml", "backends/mujoco_/motors.py"):
+        assert not any(fnmatchcase(name, pattern) for pattern in patterns)
+    for name in ("observer/residuals/fusion.py", "identification/fit.py"):
+        assert any(fnmatchcase(name, pattern) for pattern in patterns)
 
 
 def test_draws_for_tests_are_refused_before_anything_moves(
