@@ -101,32 +101,14 @@ class ChaseFigures:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class FalseContacts:
-    """False contacts of an observer with the models of ``nominal`` under the commands as recorded.
-
-    ``count`` of them in ``minutes``; ``by_joint`` the same count, by the joint that was named.
-    """
-
-    count: Annotated[int, Field(ge=0)]
-    minutes: Positive
-    by_joint: dict[str, Annotated[int, Field(ge=0)]]
-
-    @property
-    def per_hour(self) -> float:
-        """Rate [1/h]."""
-        return 60.0 * self.count / self.minutes
-
-
-@dataclass(frozen=True, kw_only=True, config=STRICT)
 class Chases:
-    """Recordings of fast commands to random goals: ``figures`` by joint, and contacts that an observer raised.
+    """Recordings of fast commands to random goals: ``figures`` by joint.
 
     ``stiffness`` [N m/rad] by joint is the one by which errors without current were told.
     """
 
     stiffness: dict[str, Positive]
     figures: dict[str, ChaseFigures]
-    false_contacts: FalseContacts
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -176,7 +158,6 @@ class CalibrationSettings:
     largest_residual_deg: dict[str, Positive]
     largest_factor: Annotated[float, Field(gt=1)]
     largest_r2_difference: Annotated[float, Field(gt=0, lt=1)]
-    largest_false_factor: Annotated[float, Field(gt=1)]
 
 
 @plain_dataclass(frozen=True, kw_only=True)
@@ -210,7 +191,6 @@ def load_recordings(robot: RobotConfig, path: Path | str | None = None) -> Refer
         ("holds", recordings.holds),
         ("chases.figures", recordings.chases.figures),
         ("chases.stiffness", recordings.chases.stiffness),
-        ("chases.false_contacts.by_joint", recordings.chases.false_contacts.by_joint),
     ):
         for name in joints:
             if name not in robot.joint_names:

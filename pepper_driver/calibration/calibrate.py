@@ -34,7 +34,7 @@ from pepper_driver.config import (
 )
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.workers import Workers
-from pepper_driver.observer import load_shipped
+from pepper_driver.observer import ModelSet, load_shipped
 
 Law = Literal["pd", "integral"]
 Progress = Callable[[float], None]
@@ -264,12 +264,14 @@ def check_chases(
     plant: PlantConfig,
     calibration: Calibration,
     *,
+    models: ModelSet | None = None,
     workers: Workers = -1,
     progress: Progress | None = None,
 ) -> ChaseReport:
     """Measure a plant under the commands as recorded; arguments as for :func:`measure`.
 
-    The observer has the shipped models of ``nominal``, as on the real robot: they know nothing of this one.
+    ``models`` are those of the observer. None is for the shipped ones of ``nominal``, as on the real robot: they know
+    nothing of this one.
     """
     settings, real = calibration.settings, calibration.recordings.chases
 
@@ -289,8 +291,10 @@ def check_chases(
         progress=part(0.0, PLAYED),
     )
     loads = gravity_at_goals(robot, plant, runs)
-    nominal = load_plant("nominal", robot)
-    identity = RobotIdentity(name=nominal.name, identity=plant_hash(nominal, robot))
+    if models is None:
+        nominal = load_plant("nominal", robot)
+        identity = RobotIdentity(name=nominal.name, identity=plant_hash(nominal, robot))
+        models = load_shipped("fusion", [identity])
     return ChaseReport(
         figures={
             joint: chase_figures(robot, joint, runs, loads, real.stiffness[joint])
@@ -299,11 +303,12 @@ def check_chases(
         false_contacts=false_contacts(
             robot,
             runs,
-            load_shipped("fusion", [identity]),
+            models,
             plant.response_delay,
             workers=workers,
             progress=part(PLAYED, 1.0),
         ),
+        identified_on=str(models.identity),
         real=real,
         settings=settings,
     )
@@ -314,10 +319,11 @@ def check(
     plant: PlantConfig,
     calibration: Calibration,
     *,
+    models: ModelSet | None = None,
     workers: Workers = -1,
     progress: Progress | None = None,
 ) -> CalibrationReport:
-    """Measure a plant and compare it with the recordings; arguments as for :func:`measure`."""
+    """Measure a plant and compare it with the recordings; arguments as for :func:`check_chases`."""
 
     def part(begin: float, end: float) -> Progress:
         def report_progress(fraction: float) -> None:
@@ -336,7 +342,9 @@ def check(
         workers=workers,
         progress=part(0.0, MEASURED),
     )
-    chases = check_chases(robot, plant, calibration, workers=workers, progress=part(MEASURED, 1.0))
+    chases = check_chases(
+        robot, plant, calibration, models=models, workers=workers, progress=part(MEASURED, 1.0)
+    )
     return CalibrationReport(
         plant=plant.name,
         law=law_of(plant),

@@ -41,6 +41,7 @@ from pepper_driver.config import (
 from pepper_driver.config.files import write_text
 from pepper_driver.config.workers import Workers
 from pepper_driver.figure_style import check_picture
+from pepper_driver.observer import ModelSet
 
 LABELS = {
     "residual": "residual deg",
@@ -109,6 +110,14 @@ def calibrate(
         ),
     ] = None,
     json_file: JsonOption = None,
+    models: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Models by which false contacts are counted; by default those of 'nominal', which know nothing of"
+            " the plant.",
+        ),
+    ] = None,
     only_check: Annotated[
         bool, typer.Option("--check", help="Measure the plant as it is, fit nothing.")
     ] = False,
@@ -118,7 +127,11 @@ def calibrate(
     """Fit the simulated robot to recordings of real ones, or check how near it comes. No robot is moved."""
     console = make_console()
     if recordings is not None:
-        for option, given in (("--check", only_check), ("--plot", plot is not None)):
+        for option, given in (
+            ("--check", only_check),
+            ("--plot", plot is not None),
+            ("--models", models is not None),
+        ):
             if given:
                 raise ConfigError(
                     f"{option} and --recordings exclude each other: it is about config/recordings.yaml"
@@ -132,6 +145,7 @@ def calibrate(
     check_outputs(out, plot, json_file)
     robot = load_robot()
     calibration = load_calibration(robot)
+    own = None if models is None else _load_models(models, robot)
     name = plant or START[law]
     start = load_plant(name, robot)
     for drive in start.actuators:
@@ -172,6 +186,7 @@ def calibrate(
                 robot,
                 tested,
                 calibration,
+                models=own,
                 workers=pool,
                 progress=lambda fraction: progress.update(bar, completed=fraction),
             )
@@ -181,6 +196,16 @@ def calibrate(
     if plot is not None:
         plot_calibration(report, plot)
         console.print(f"figure: {plot}")
+
+
+def _load_models(file: Path, robot: RobotConfig) -> ModelSet:
+    """Read models of kind ``fusion``."""
+    models = ModelSet.load(file, robot)
+    if models.kind != "fusion":
+        raise ConfigError(
+            f"{file}: models of kind {models.kind}; false contacts are counted with kind fusion"
+        )
+    return models
 
 
 def _fit(
@@ -279,19 +304,12 @@ def _print_chases(console: Console, report: ChaseReport) -> None:
         f"{len(report.cells) - len(missed)} of {len(report.cells)} judged cells hold ({', '.join(JUDGED)})"
         + (f"; missed: {', '.join(missed)}" if missed else "")
     )
-    for whose, contacts in (
-        ("simulated", report.false_contacts),
-        ("real", report.real.false_contacts),
-    ):
-        joints = ", ".join(f"{joint} {count}" for joint, count in sorted(contacts.by_joint.items()))
-        console.print(
-            f"false contacts with the shipped models of nominal, {whose}: {contacts.count} in "
-            f"{contacts.minutes:.1f} min, {contacts.per_hour:.0f} an hour: {joints or 'none'}"
-        )
-    factor = report.settings.largest_false_factor
-    match = f"they match: within a factor of {factor:g} of each other"
-    apart = f"they do not match: more than a factor of {factor:g} apart"
-    console.print(match if report.false_contacts_match else apart)
+    contacts = report.false_contacts
+    joints = ", ".join(f"{joint} {count}" for joint, count in sorted(contacts.by_joint.items()))
+    console.print(
+        f"false contacts with models identified on {report.identified_on}: {contacts.count} in "
+        f"{contacts.minutes:.1f} min, {contacts.per_hour:.0f} an hour: {joints or 'none'}"
+    )
 
 
 def _shown(value: float | None) -> str:

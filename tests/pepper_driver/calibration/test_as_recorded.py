@@ -8,6 +8,7 @@ import pytest
 
 from pepper_driver.calibration.as_recorded import (
     ChaseReport,
+    FalseContacts,
     as_recording,
     chase_figures,
     explained,
@@ -20,7 +21,6 @@ from pepper_driver.calibration.as_recorded import (
 from pepper_driver.calibration.calibrate import check_chases
 from pepper_driver.calibration.testbench import GoalRun, gravity_torque
 from pepper_driver.config import (
-    FalseContacts,
     RobotIdentity,
     load_calibration,
     load_plant,
@@ -184,7 +184,8 @@ def report(**changes: Any) -> ChaseReport:
     }
     return ChaseReport(
         figures=figures,
-        false_contacts=chases.false_contacts,
+        false_contacts=FalseContacts(count=2, minutes=60.0, by_joint={"RWristYaw": 2}),
+        identified_on="a robot",
         real=chases,
         settings=REAL.settings,
     )
@@ -212,12 +213,6 @@ def test_the_real_robot_holds_in_all_cells() -> None:
 )
 def test_a_cell_is_missed_beyond_its_limit(changes: dict[str, Any], missed: list[str]) -> None:
     assert [c.quantity for c in report(**changes).cells if not c.passed] == missed
-
-
-@pytest.mark.parametrize(("count", "match"), [(87, True), (44, True), (43, False), (175, False)])
-def test_false_contacts_match_within_a_factor_of_two(count: int, match: bool) -> None:
-    found = FalseContacts(count=count, minutes=3.976, by_joint={})
-    assert replace(report(), false_contacts=found).false_contacts_match is match
 
 
 def test_an_observer_is_given_commands_with_the_samples_that_answer_them() -> None:
@@ -279,7 +274,6 @@ def test_models_of_another_robot_raise_contacts_and_its_own_hardly_any() -> None
 @pytest.mark.whole
 @pytest.mark.parametrize("name", ["recorded", "recorded-heavy"])
 def test_the_recorded_plants_are_as_recorded(name: str) -> None:
-    """18 of 20 cells (`integral` alone has 15), and the real number of false contacts within a factor of two."""
+    """18 of 20 cells; `integral` alone has 15."""
     found = check_chases(ROBOT, load_plant(name, ROBOT), REAL)
     assert sum(cell.passed for cell in found.cells) >= 18
-    assert found.false_contacts_match

@@ -263,6 +263,7 @@ def test_wrong_recordings_are_one_line(
         (str(tmp_path / "none.zip"),): "there is no such file or folder",
         (str(folder), "--check"): "--check and --recordings exclude each other",
         (str(folder), "--plot", "x.png"): "--plot and --recordings exclude each other",
+        (str(folder), "--models", "x.json"): "--models and --recordings exclude each other",
         (str(folder), "--plant", "random"): "each robot of this plant is drawn again",
         (str(folder), "--out", "x.json"): "a plant file ends in .yaml",
         # These recordings have none of the runs by which a robot is measured.

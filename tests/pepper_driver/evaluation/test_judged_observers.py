@@ -215,8 +215,9 @@ def test_without_bias_the_residual_keeps_what_does_not_change() -> None:
 def test_without_limbs_each_joint_is_judged_alone() -> None:
     ours, without = observe(made("fusion")), observe(made("fusion-without-limbs"))
     np.testing.assert_allclose(without[0].threshold[INDEX], thresholds(1)[INDEX])
-    lower = np.array([o.threshold for o in ours]) < np.array([o.threshold for o in without]) - 1e-9
-    assert lower.any(axis=0)[[ROBOT.joint_index("LElbowRoll"), INDEX]].all()
+    both, alone = (np.array([o.threshold for o in seen]) for seen in (ours, without))
+    lower = np.array((both < alone - 1e-9).any(axis=0), dtype=np.bool_)
+    assert lower[[ROBOT.joint_index("LElbowRoll"), INDEX]].all()
 
 
 def test_without_confirmation_a_push_on_the_base_lowers_no_threshold() -> None:

@@ -107,13 +107,13 @@ def test_with_models_the_robot_stands_moves_asks_and_all_is_packed(
     assert "Begin step" not in capsys.readouterr().out
     assert (folder / ARCHIVE).read_bytes() == before
     # But where it is asked for again.
-    free = (folder / "free.mcap").read_bytes()
+    early = (folder / "free.mcap").read_bytes()
     assert run([*arguments, "--label", "head", "--yes", "--again", "free"]) == 0
     assert capsys.readouterr().out.count("Begin step") == 1
-    assert (folder / "free.mcap.early-2").read_bytes() == free
+    assert (folder / "free.mcap.early-2").read_bytes() == early
     with open_bundle(folder / ARCHIVE) as bundle:
-        earlier = bundle.state.step("free").earlier
-        assert [figures.get("false_contacts") for figures in earlier] == [None, 0]
+        before_it = bundle.state.step("free").earlier
+        assert [figures.get("false_contacts") for figures in before_it] == [None, 0]
 
 
 @pytest.mark.parametrize("identity", [SERIAL, f"{SERIAL}/angles"])

@@ -1,0 +1,369 @@
+"""Sensitivity of mode ``fusion``: each run-time constant at half and at twice its value, each part left out.
+
+Robots of the development split are identified and touched once, as `pepper evaluate --split development` does; their
+takes are kept. Each variant of the observer then hears the same takes. Printed are N90 of the hand of attentive robots,
+the share of touches that are felt, false contacts, and the difference of the share from the shipped observer: its mean
+over robots, and twice the standard error of this mean. Takes and variants that are over are kept: the same command goes
+on after Ctrl-C.
+Run: python benchmarks/sensitivity.py --draws 0-7 --folder runs/sensitivity --json sensitivity.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import math
+import os
+import pickle
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+from rich.console import Console
+from rich.table import Table
+
+from pepper_driver import PepperError
+from pepper_driver.config import load_observer_settings, load_plant, load_robot
+from pepper_driver.config.files import content_hash, make_folder, write_text
+from pepper_driver.config.population import parse_draws
+from pepper_driver.config.touch_suites import load_touch_suites
+from pepper_driver.config.workers import one_core
+from pepper_driver.evaluation.touch.ledger import code_hash
+from pepper_driver.evaluation.touch.observers import ABLATIONS, FUSION, ModelFiles, make, watch_all
+from pepper_driver.evaluation.touch.records import BoardLaw, RobotRecord
+from pepper_driver.evaluation.touch.scoring import score_robot
+from pepper_driver.evaluation.touch.summary import EVEN, group_of, summarise_touch
+from pepper_driver.evaluation.touch.takes import Performance, TakeSpec, perform, plan_takes
+from pepper_driver.identification import identify_population
+from pepper_driver.observer import ContactObserver, ModelSet, Observer
+
+SETTINGS = "config"
+
+CONSTANTS: dict[str, tuple[str, ...]] = {
+    SETTINGS: ("fusion_window", "false_contacts", "merge_gap", "rebound_window"),
+    "detection.threshold": (
+        "MIN_SPREAD",
+        "MIN_TORQUE",
+        "TAIL",
+        "RISE",
+        "RISE_TICKS",
+        "MAX_CHANGE",
+        "REST_SPEED",
+        "MOTION_MEMORY",
+        "LIMITED_FACTOR",
+        "QUIET_RATIO",
+    ),
+    "residuals.fusion": ("BIAS_TIME", "CONFIRMING_RATIO", "CONFIRMING_TICKS", "SETTLING_TICKS"),
+    "residuals.momentum": (
+        "SMOOTHING_TIME",
+        "ANSWER_RATIO",
+        "MIN_DRIVE",
+        "ANSWER_TICKS",
+        "MAX_STRAY",
+        "LIMITED_RATIO",
+    ),
+    "residuals.prediction": (
+        "MIN_MOVING_SPEED",
+        "INTEGRAL_CORRECTION_TIME",
+        "REST_CORRECTION_TIME",
+    ),
+    "residuals.mobile_base": (
+        "STANDSTILL_SPEED",
+        "SLOW_SPEED",
+        "AXIS_HYSTERESIS",
+        "POST_DRIVE_TIME",
+        "LEVEL_TIME",
+    ),
+    "detection.excursions": (
+        "STUCK_RATIO",
+        "STUCK_TIME",
+        "MAX_STUCK_TIME",
+        "STUCK_SPREAD",
+        "SETTLING_TIME",
+        "SETTLING_FACTOR",
+    ),
+    "detection.body_isolation": ("RELATIVE_RATIO", "RATIO_MEMORY", "TRUNK_REPORT_DELAY"),
+}
+"""By their place, constants that decide whether, when and on which limb a contact is reported."""
+
+FACTORS = (0.5, 2.0)
+
+GROUPS = ("standing", "attentive", "in motion")
+
+Figures = dict[str, Any]
+"""Of one variant: ``felt`` by robot and group, (count, of); ``false`` by robot, alone and touched; hours; N90 [N]."""
+
+
+def variants(only: Sequence[str]) -> list[str]:
+    """Return their names: the shipped observer, parts left out, and constants as ``PLACE:NAME*FACTOR``."""
+    changed = [
+        f"{place}:{name}*{factor:g}"
+        for place, names in CONSTANTS.items()
+        for name in names
+        for factor in FACTORS
+    ]
+    return [
+        variant
+        for variant in (FUSION, *ABLATIONS, *changed)
+        if not only or variant == FUSION or any(text in variant for text in only)
+    ]
+
+
+# -- takes ------------------------------------------------------------------------------------------------------------
+
+
+def specs_of(draw: int) -> tuple[TakeSpec, ...]:
+    """Return the takes of a development robot."""
+    suites = load_touch_suites(load_robot())
+    return plan_takes(suites, draw, suites.splits["development"].free)
+
+
+def take_file(folder: Path, spec: TakeSpec) -> Path:
+    """Return where a take is kept."""
+    return folder / "takes" / f"{spec.draw}-{spec.name}.pkl"
+
+
+def keep_take(spec: TakeSpec, models: Path, path: Path) -> None:
+    """Perform a take, unless it was performed before."""
+    if path.exists():
+        return
+    with one_core(1):
+        done = perform(spec, models)
+    part = path.with_suffix(".part")
+    part.write_bytes(pickle.dumps(done, protocol=5))
+    part.replace(path)
+
+
+def perform_takes(draws: Sequence[int], folder: Path, workers: int) -> dict[int, Path]:
+    """Identify and touch robots; return their models by their draw, without robots that could not be identified."""
+    from pepper_driver.config.experiment import load_experiment
+    from pepper_driver.evaluation.touch.split import CALIBRATION, EXPERIMENT
+
+    robot = load_robot()
+    experiment = load_experiment(EXPERIMENT, robot)
+    owners = identify_population(
+        f"mujoco://?plant={load_touch_suites(robot).population}",
+        draws,
+        experiment,
+        "fusion",
+        folder / "models",
+        calibration=load_experiment(CALIBRATION, robot),
+        seed=experiment.seed,
+        keep_recordings=True,
+        workers=workers,
+    )
+    models = {owner.draw: owner.file for owner in owners if owner.file is not None}
+    make_folder(folder / "takes")
+    jobs = [(s, models[draw]) for draw in models for s in specs_of(draw)]
+    Parallel(n_jobs=workers)(delayed(keep_take)(s, m, take_file(folder, s)) for s, m in jobs)
+    return models
+
+
+# -- one variant, in a process of its own -----------------------------------------------------------------------------
+
+
+def change(constant: str, factor: float) -> None:
+    """Change a constant wherever the observer has it; its kernels are not loaded yet."""
+    place, name = constant.split(":")
+    original = getattr(importlib.import_module(f"pepper_driver.observer.{place}"), name)
+    value = type(original)(
+        round(original * factor) if isinstance(original, int) else original * factor
+    )
+    for module in [m for n, m in sys.modules.items() if n.startswith("pepper_driver.")]:
+        if module.__dict__.get(name) is original:
+            setattr(module, name, value)
+
+
+def observer_of(variant: str, models: Path) -> Observer:
+    """Make the observer of a variant."""
+    robot = load_robot()
+    constant, _, factor = variant.partition("*")
+    place, _, name = constant.partition(":")
+    if place != SETTINGS:
+        observer = constant if not factor else FUSION
+        return make(observer, robot, ModelFiles(fusion=models))
+    settings = load_observer_settings()
+    value = getattr(settings, name)
+    value = (
+        max(round(value * float(factor)), 1) if isinstance(value, int) else value * float(factor)
+    )
+    return ContactObserver(robot, ModelSet.load(models, robot), replace(settings, **{name: value}))
+
+
+def judge_robot(variant: str, draw: int, models: Path, folder: Path) -> RobotRecord:
+    """Show the takes of a robot to a variant."""
+    robot, takes = load_robot(), []
+    plant = load_plant(load_touch_suites(robot).population, robot, draw=draw)
+    law: BoardLaw = "integral" if any(drive.ki for drive in plant.actuators) else "nominal"
+    for spec in specs_of(draw):
+        done: Performance = pickle.loads(take_file(folder, spec).read_bytes())
+        if done.recording is None:
+            continue
+        observer = observer_of(variant, models)
+        torque = done.true_torque if len(done.true_torque) else None
+        heard = watch_all(
+            {FUSION: observer}, done.recording, done.take.touches, robot, true_torque=torque
+        )
+        takes.append(replace(done.take, hearings=heard))
+    name = f"random {draw}"
+    return RobotRecord(
+        key="",
+        robot=name,
+        draw=draw,
+        law=law,
+        identity=name,
+        failure="",
+        fit={},
+        warnings=(),
+        takes=tuple(takes),
+    )
+
+
+def judge(variant: str, models: dict[int, Path], folder: Path) -> Figures:
+    """Show all takes to a variant, and score it."""
+    if ":" in variant and not variant.startswith(SETTINGS):
+        constant, _, factor = variant.partition("*")
+        change(constant, float(factor))
+    robot = load_robot()
+    records = [judge_robot(variant, draw, file, folder) for draw, file in models.items()]
+    felt: dict[str, dict[str, list[int]]] = {}
+    false: dict[str, list[int]] = {}
+    hours = [0.0, 0.0]
+    for record in records:
+        groups = felt[record.robot] = {group: [0, 0] for group in GROUPS}
+        counts = false[record.robot] = [0, 0]
+        for take in score_robot(record, FUSION, tuple(robot.limbs)).takes:
+            counts[take.suite == "touch"] += len(take.false)
+            hours[take.suite == "touch"] += take.hours
+            for score in take.touches:
+                if score.touch.row == EVEN and (group := group_of(take.state)) in groups:
+                    groups[group][0] += score.felt
+                    groups[group][1] += 1
+    ours = summarise_touch(records, (FUSION,), robot, by_state=()).observer(FUSION)
+    assert ours is not None
+    cells = {f"{cell.law}, {cell.place}, {cell.state}": cell.n90 for cell in ours.groups}
+    return {
+        "felt": felt,
+        "false": false,
+        "hours": hours,
+        "n90": {name: None if n is None else n.newtons for name, n in cells.items()},
+        "delay": ours.delays[0].fast.median,
+        "first_limb": ours.located[0].first_limb.count / max(ours.located[0].first_limb.of, 1),
+    }
+
+
+def judge_apart(variant: str, models: dict[int, Path], folder: Path) -> Figures:
+    """Judge a variant in a process of its own, or read what an earlier call found."""
+    key = content_hash([variant, {d: str(m) for d, m in models.items()}, code_hash()])
+    kept = folder / "variants" / f"{key}.json"
+    if not kept.exists():
+        request = json.dumps([variant, {d: str(m) for d, m in models.items()}, str(folder)])
+        command = [sys.executable, __file__, "--judge", request]
+        one = {**os.environ, "OMP_NUM_THREADS": "1"}
+        done = subprocess.run(command, capture_output=True, text=True, env=one)
+        if done.returncode:
+            raise PepperError(f"{variant}: {done.stderr.strip()[-600:]}")
+        write_text(kept, done.stdout)
+    figures: Figures = json.loads(kept.read_text())
+    return figures
+
+
+# -- all of them ------------------------------------------------------------------------------------------------------
+
+
+def share(figures: Figures, group: str) -> float:
+    """Return the share of touches of a group that were felt."""
+    parts = [robot[group] for robot in figures["felt"].values()]
+    return sum(p[0] for p in parts) / max(sum(p[1] for p in parts), 1)
+
+
+def difference(figures: Figures, shipped: Figures) -> str:
+    """Return the difference of the shares of all touches, mean over robots, and twice its standard error."""
+    found = []
+    for robot, groups in figures["felt"].items():
+        of = sum(part[1] for part in groups.values())
+        before = sum(part[0] for part in shipped["felt"][robot].values())
+        found.append((sum(part[0] for part in groups.values()) - before) / max(of, 1))
+    spread = 2.0 * np.std(found, ddof=1) / math.sqrt(len(found)) if len(found) > 1 else math.nan
+    return f"{np.mean(found):+.3f} +- {spread:.3f}"
+
+
+def hand(figures: Figures) -> str:
+    """Return N90 of the hand of attentive robots, by law."""
+    found = [figures["n90"].get(f"{law}, hand, attentive") for law in ("nominal", "integral")]
+    return " / ".join("-" if n is None else "> 30" if math.isinf(n) else f"{n:.1f}" for n in found)
+
+
+def show(results: dict[str, Figures], console: Console) -> None:
+    """Print a table."""
+    shipped = results[FUSION]
+    alone, touched = shipped["hours"]
+    table = Table(
+        title=f"Simulated, development robots: {len(shipped['felt'])}, {alone:.1f} h alone, {touched:.1f} h touched"
+    )
+    columns = (
+        "N90 hand [N]",
+        *GROUPS,
+        "difference",
+        "false, alone",
+        "touched",
+        "delay [ms]",
+        "limb",
+    )
+    for name in ("variant", *columns):
+        table.add_column(name)
+    for variant, figures in results.items():
+        false = np.array(list(figures["false"].values())).sum(axis=0)
+        delay = figures["delay"]
+        table.add_row(
+            variant,
+            hand(figures),
+            *(f"{share(figures, group):.2f}" for group in GROUPS),
+            difference(figures, shipped),
+            *(str(count) for count in false),
+            "-" if delay is None else f"{1e3 * delay:.0f}",
+            f"{figures['first_limb']:.2f}",
+        )
+    console.print(table)
+
+
+def main() -> int:
+    """Perform takes, judge variants, and print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
+    parser.add_argument("--draws", default="0-7", help="robots of the development split")
+    parser.add_argument("--folder", type=Path, default=Path("runs/sensitivity"))
+    parser.add_argument("--only", default="", help="parts of names of variants, by commas")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--json", type=Path, help="file for the figures")
+    parser.add_argument("--judge", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.judge:
+        variant, files, folder = json.loads(options.judge)
+        models = {int(draw): Path(file) for draw, file in files.items()}
+        print(json.dumps(judge(variant, models, Path(folder))))
+        return 0
+    make_folder(options.folder / "variants")
+    models = perform_takes(parse_draws(options.draws), options.folder, options.workers)
+    names = variants([text for text in options.only.split(",") if text])
+    found = Parallel(n_jobs=options.workers, prefer="threads")(
+        delayed(partial(judge_apart, models=models, folder=options.folder))(name) for name in names
+    )
+    results = dict(zip(names, found, strict=True))
+    show(results, Console())
+    if options.json is not None:
+        write_text(options.json, json.dumps(results, indent=1))
+    return 0
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except PepperError as error:
+        sys.exit(f"sensitivity: {error}")
