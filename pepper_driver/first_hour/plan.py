@@ -20,7 +20,7 @@ from pepper_driver.identification.runs import (
     plan_runs,
     sweeps_of,
 )
-from pepper_driver.recording.record import TO_STAND
+from pepper_driver.recording.record import step_to_stand
 
 BY_KEY = "key"
 """Source of labels that is the space bar, which then stops nothing."""
@@ -107,7 +107,7 @@ class HourPlan:
 
 def standing(seconds: float) -> Experiment:
     """Return the experiment in which the robot stands for a time [s]."""
-    return Experiment(schema=2, name="rest", steps=(TO_STAND, Step(hold=seconds)))
+    return Experiment(schema=2, name="rest", steps=(step_to_stand(), Step(hold=seconds)))
 
 
 def plan_hour(
@@ -147,7 +147,7 @@ def plan_hour(
         **{name: _with_sessions(made, settings) for name, made in runs.items()},
         "rest": standing(settings.rest).max_length + settings.session,
         "free": free.max_length + settings.session,
-        "touches": TO_STAND.max_duration + asked.seconds + settings.session,
+        "touches": step_to_stand().max_duration + asked.seconds + settings.session,
         "pack": 0.0,
     }
     hands = {name: settings.confirmation if seconds[name] else 0.0 for name in STEPS}

@@ -27,8 +27,11 @@ from pepper_driver.recording.labels import (
 from pepper_driver.recording.terminal_keys import SpaceBar, StopKey
 from pepper_driver.robot import Pepper
 
-TO_STAND = Step(posture="Stand", duration=3.0)
-"""To the posture in which a robot asks for touches."""
+
+def step_to_stand() -> Step:
+    """Return the step to the posture in which a robot asks for touches."""
+    # Not a constant: pydantic would look up the types of its fields among the names of this module.
+    return Step(posture="Stand", duration=3.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,7 +175,7 @@ def record_labelled(
 
     with space_bar if by_key else StopKey(pepper.emergency_stop), pepper:
         if prompts is not None:
-            pepper.play(Experiment(schema=2, name="stand", steps=(TO_STAND,)))
+            pepper.play(Experiment(schema=2, name="stand", steps=(step_to_stand(),)))
         space_bar.forget()  # what was pressed while the robot started
         log = pepper.start_log(out, make_labels)
         if on_start is not None:
