@@ -15,7 +15,6 @@ import importlib
 import json
 import math
 import os
-import pickle
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -33,16 +32,16 @@ from pepper_driver import PepperError
 from pepper_driver.config import load_observer_settings, load_plant, load_robot
 from pepper_driver.config.files import content_hash, make_folder, write_text
 from pepper_driver.config.population import parse_draws
-from pepper_driver.config.touch_suites import load_touch_suites
+from pepper_driver.config.touch_suites import EVEN, load_touch_suites
 from pepper_driver.config.workers import one_core
 from pepper_driver.evaluation.touch.ledger import code_hash
 from pepper_driver.evaluation.touch.observers import ABLATIONS, FUSION, ModelFiles, make, watch_all
-from pepper_driver.evaluation.touch.records import BoardLaw, RobotRecord
+from pepper_driver.evaluation.touch.records import BoardLaw, RobotRecord, load_take, save_take
 from pepper_driver.evaluation.touch.scoring import score_robot
-from pepper_driver.evaluation.touch.summary import EVEN, group_of, summarise_touch
-from pepper_driver.evaluation.touch.takes import Performance, TakeSpec, perform, plan_takes
+from pepper_driver.evaluation.touch.summary import group_of, summarise_touch
+from pepper_driver.evaluation.touch.takes import TakeSpec, perform, plan_takes
 from pepper_driver.identification import identify_population
-from pepper_driver.observer import ContactObserver, ModelSet, Observer
+from pepper_driver.observer import ContactObserver, ModelSet, Observer, Recording
 
 SETTINGS = "config"
 
@@ -126,8 +125,18 @@ def specs_of(draw: int) -> tuple[TakeSpec, ...]:
 
 
 def take_file(folder: Path, spec: TakeSpec) -> Path:
-    """Return where a take is kept."""
-    return folder / "takes" / f"{spec.draw}-{spec.name}.pkl"
+    """Return where the record of a take is kept; its ticks and true torques are beside it."""
+    return folder / "takes" / f"{spec.draw}-{spec.name}.json.gz"
+
+
+def ticks_file(take: Path) -> Path:
+    """Return where the ticks of a take are kept."""
+    return take.with_name(take.name.replace(".json.gz", ".npz"))
+
+
+def torque_file(take: Path) -> Path:
+    """Return where the true torques of a take are kept."""
+    return take.with_name(take.name.replace(".json.gz", ".npy"))
 
 
 def keep_take(spec: TakeSpec, models: Path, path: Path) -> None:
@@ -136,9 +145,10 @@ def keep_take(spec: TakeSpec, models: Path, path: Path) -> None:
         return
     with one_core(1):
         done = perform(spec, models)
-    part = path.with_suffix(".part")
-    part.write_bytes(pickle.dumps(done, protocol=5))
-    part.replace(path)
+    if done.recording is not None:
+        done.recording.save(ticks_file(path))
+        np.save(torque_file(path), done.true_torque)
+    save_take(done.take, path)
 
 
 def perform_takes(draws: Sequence[int], folder: Path, workers: int) -> dict[int, Path]:
@@ -194,7 +204,8 @@ def observer_of(variant: str, models: Path) -> Observer:
     value = (
         max(round(value * float(factor)), 1) if isinstance(value, int) else value * float(factor)
     )
-    return ContactObserver(robot, ModelSet.load(models, robot), replace(settings, **{name: value}))
+    changed: dict[str, Any] = {name: value}
+    return ContactObserver(robot, ModelSet.load(models, robot), replace(settings, **changed))
 
 
 def judge_robot(variant: str, draw: int, models: Path, folder: Path) -> RobotRecord:
@@ -203,15 +214,19 @@ def judge_robot(variant: str, draw: int, models: Path, folder: Path) -> RobotRec
     plant = load_plant(load_touch_suites(robot).population, robot, draw=draw)
     law: BoardLaw = "integral" if any(drive.ki for drive in plant.actuators) else "nominal"
     for spec in specs_of(draw):
-        done: Performance = pickle.loads(take_file(folder, spec).read_bytes())
-        if done.recording is None:
+        path = take_file(folder, spec)
+        take = load_take(path)
+        if take.failure:
             continue
-        observer = observer_of(variant, models)
-        torque = done.true_torque if len(done.true_torque) else None
+        torque = np.load(torque_file(path))
         heard = watch_all(
-            {FUSION: observer}, done.recording, done.take.touches, robot, true_torque=torque
+            {FUSION: observer_of(variant, models)},
+            Recording.load(ticks_file(path), robot),
+            take.touches,
+            robot,
+            true_torque=torque if len(torque) else None,
         )
-        takes.append(replace(done.take, hearings=heard))
+        takes.append(replace(take, hearings=heard))
     name = f"random {draw}"
     return RobotRecord(
         key="",
@@ -281,7 +296,8 @@ def judge_apart(variant: str, models: dict[int, Path], folder: Path) -> Figures:
 def share(figures: Figures, group: str) -> float:
     """Return the share of touches of a group that were felt."""
     parts = [robot[group] for robot in figures["felt"].values()]
-    return sum(p[0] for p in parts) / max(sum(p[1] for p in parts), 1)
+    felt, of = (sum(column) for column in zip(*parts, strict=True))
+    return float(felt / max(of, 1))
 
 
 def difference(figures: Figures, shipped: Figures) -> str:
