@@ -35,8 +35,11 @@ _APART = (
     *(f"{name}/*" for name in ("first_hour", "rendering", "replay", "testing", "viewer")),
     *(f"backends/{name}/*" for name in ("naoqi", "naoqi_server")),
     *(f"evaluation/{name}.py" for name in ("figures", "report", "results")),
-    *(f"evaluation/touch/{name}.py" for name in ("bundles", "comparison", "map", "n90", "page")),
-    *(f"evaluation/touch/{name}.py" for name in ("recall", "report", "summary", "summary_data")),
+    *(f"evaluation/touch/{name}.py" for name in ("bundles", "comparison", "kinds", "map", "n90")),
+    *(
+        f"evaluation/touch/{name}.py"
+        for name in ("page", "recall", "report", "summary", "summary_data")
+    ),
     "config/evaluation_baselines.yaml",
     "config/observer.yaml",
     "config/touch_suites.yaml",

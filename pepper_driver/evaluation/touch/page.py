@@ -7,11 +7,13 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, get_args
 
+from pepper_driver.config.contact_selector import Kind
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.evaluation.report import number, section, table
 from pepper_driver.evaluation.touch.comparison import Difference, paired
+from pepper_driver.evaluation.touch.kinds import MAX_PUSH_TIME, MAX_TAP_PAUSE, MAX_TAP_TIME
 from pepper_driver.evaluation.touch.map import law_in_words
 from pepper_driver.evaluation.touch.n90 import MAX_FORCE
 from pepper_driver.evaluation.touch.observers import ABLATIONS, FUSION
@@ -128,6 +130,7 @@ def touch_page(
         parts += felt_table(summary, observer)
         parts += recall_table(summary, observer)
         parts += rows_table(summary, observer)
+        parts += kinds_table(observer)
         parts += false_contacts(summary, observer)
         parts += baselines(summary, observer)
         parts += ablations(summary, observer)
@@ -493,6 +496,33 @@ def _row_share(row: RowShare | None) -> str:
 
 def _row_force(row: RowShare | None) -> str:
     return "-" if row is None or row.force is None else figure(row.force)
+
+
+def kinds_table(observer: ObserverSummary) -> list[str]:
+    """Write the kinds that were reported of touches whose true kind is known."""
+    found = {kind for kinds in observer.kinds for kind in kinds.reported}
+    columns = [kind for kind in get_args(Kind) if kind in found]
+    header = ("true kind", *columns, "not felt", "right, of felt ones", "end after the release")
+    rows = [
+        [
+            f"**{one.true}**",
+            *(str(one.reported.get(kind, 0)) for kind in columns),
+            str(one.not_felt),
+            share_text(one.right),
+            delay_text(one.end),
+        ]
+        for one in observer.kinds
+    ]
+    return section(
+        "Kinds of touches",
+        table(header, rows),
+        "Touches by their true kind and the last kind of the contact that detected them. A *tap* lasts for up to "
+        f"{MAX_TAP_TIME:g} s, a *push* for up to {MAX_PUSH_TIME:g} s, a *hold* longer. A second tap within "
+        f"{MAX_TAP_PAUSE:g} s is a *double tap*. A force of {STRONG_FORCE:g} N and more that rises within "
+        f"{1e3 * FAST_RISE:.0f} ms is a *collision*, a handshake a *grip*. Other hands that hold on, objects in the "
+        "hand, touches beside another one on the limb, and times too near to a limit have no true kind. The end is "
+        "that of contacts with the right kind, median / p90: it reports a tap.",
+    )
 
 
 # -- false contacts ---------------------------------------------------------------------------------------------------

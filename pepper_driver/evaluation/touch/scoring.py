@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
+from pepper_driver.config.contact_selector import Kind
 from pepper_driver.config.errors import UnknownNameError
 from pepper_driver.config.robot import TRUNK
+from pepper_driver.evaluation.touch.kinds import true_kinds
 from pepper_driver.evaluation.touch.records import (
     BoardLaw,
     ForceEstimate,
@@ -95,6 +97,9 @@ class TouchScore:
         open: True if that contact lasts until the end of the take.
         torques: Pairs of true and estimated torque; empty if not felt.
         force: True and reported force; None if not felt, or none was reported before it faded.
+        true_kind: Its kind; None where what the person did has no certain one.
+        kind: Last kind of the contact that told it. A ``grip`` is a contact of its own: of a true one, any contact that
+            began on its limb while it acted counts. None if not felt.
     """
 
     touch: Touched
@@ -107,6 +112,8 @@ class TouchScore:
     open: bool = False
     torques: tuple[TorqueEstimate, ...] = ()
     force: ForceEstimate | None = None
+    true_kind: Kind | None = None
+    kind: Kind | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -267,8 +274,12 @@ def score_take(take: Take, observer: str, limbs: Collection[str]) -> TakeScore:
         day=take.day,
         hours=exposed / len(limbs) / 3600.0,
         touches=tuple(
-            _score_touch(take, number, felt_by.get(number), false, hearing)
-            for number in range(len(take.touches))
+            replace(
+                _score_touch(take, number, felt_by.get(number), false, hearing),
+                true_kind=kind,
+                kind=_reported_kind(kind, touch, felt_by.get(number), tracks),
+            )
+            for number, (touch, kind) in enumerate(zip(take.touches, true_kinds(take), strict=True))
         ),
         right=verdicts.count("right"),
         rebounds=verdicts.count("rebound"),
@@ -279,9 +290,10 @@ def score_take(take: Take, observer: str, limbs: Collection[str]) -> TakeScore:
 
 @dataclass
 class _Track:
-    """Events of one contact, and its end [s]: None if it lasts until the end of the take."""
+    """Events of one contact, its last kind, and its end [s]: None if it lasts until the end of the take."""
 
     events: list[Heard]
+    kind: Kind
     end: float | None = None
 
     def at(self, time: float) -> Heard:
@@ -309,7 +321,10 @@ def _unheard(take: Take, failure: str) -> TakeScore:
         number=take.number,
         day=take.day,
         hours=0.0,
-        touches=tuple(TouchScore(touch=touch) for touch in take.touches),
+        touches=tuple(
+            TouchScore(touch=touch, true_kind=kind)
+            for touch, kind in zip(take.touches, true_kinds(take), strict=True)
+        ),
         failure=failure,
     )
 
@@ -321,12 +336,14 @@ def _tracks(events: Iterable[Heard]) -> list[_Track]:
         if event.phase == "begin":
             if event.id in lasting:
                 lasting[event.id].end = event.time
-            lasting[event.id] = _Track([event])
+            lasting[event.id] = _Track([event], event.kind)
             tracks.append(lasting[event.id])
-        elif event.phase == "update" and event.id in lasting:
-            lasting[event.id].events.append(event)
         elif event.id in lasting:
-            lasting.pop(event.id).end = event.time
+            lasting[event.id].kind = event.kind
+            if event.phase == "update":
+                lasting[event.id].events.append(event)
+            else:
+                lasting.pop(event.id).end = event.time
     return tracks
 
 
@@ -395,6 +412,20 @@ def _score_touch(
         torques=tuple(pair for pair in hearing.torques if pair.touch == number),
         force=next((pair for pair in hearing.forces if pair.touch == number), None),
     )
+
+
+def _reported_kind(
+    true: Kind | None, touch: Touched, alarm: _Alarm | None, tracks: Sequence[_Track]
+) -> Kind | None:
+    if alarm is None:
+        return None
+    if true == "grip":
+        for track in tracks:
+            first = track.events[0]
+            here = first.limb == touch.limb and _within(touch, first.time, FELT_GRACE)
+            if here and track.kind == "grip":
+                return "grip"
+    return alarm.track.kind
 
 
 def _told(event: Heard, touch: Touched) -> Told:

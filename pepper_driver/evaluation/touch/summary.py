@@ -12,8 +12,10 @@ from typing import NamedTuple, TypeVar, get_args
 import numpy as np
 
 from pepper_driver.config import RobotConfig, load_robot
+from pepper_driver.config.contact_selector import Kind
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.config.touch_suites import EVEN, TouchSuites
+from pepper_driver.evaluation.touch.kinds import UNKNOWN_IN_LOGS, UNSHARPENED
 from pepper_driver.evaluation.touch.ledger import Figures
 from pepper_driver.evaluation.touch.n90 import ForceTouch, n90
 from pepper_driver.evaluation.touch.observers import FUSION
@@ -47,6 +49,7 @@ from pepper_driver.evaluation.touch.summary_data import (
     FalseGroup,
     Forces,
     ForceShare,
+    Kinds,
     Located,
     LoweredForces,
     ObserverSummary,
@@ -263,6 +266,7 @@ def _observer(
         ends=_by_law(ones, _ends),
         torques=_by_law(ones, _torques),
         forces=tuple(_forces(ones)),
+        kinds=tuple(_kinds([one.score for one in ones])),
         motion=_by_law(
             main,
             lambda law, some: RestAndMotion(
@@ -641,6 +645,29 @@ def _forces_of(law: str, place: str, state: str, pushes: Sequence[_One]) -> Forc
         all_covered=Share.among(pair.low <= pair.true <= pair.high for pair in estimates),
         error=Quantiles.among(errors, len(strong)),
     )
+
+
+def _kinds(scores: Sequence[TouchScore]) -> Iterator[Kinds]:
+    """Yield the kinds that were reported of touches of each true kind, for an observer that sharpens them."""
+    if all(score.kind in (None, *UNSHARPENED) for score in scores):
+        return
+    for true in get_args(Kind):
+        some = [score for score in scores if score.true_kind == true]
+        if some:
+            right = [score for score in some if score.kind == true]
+            ends = [score.end_error for score in right if score.end_error is not None]
+            yield Kinds(
+                true=true,
+                reported=dict(Counter(s.kind for s in some if s.kind is not None).most_common()),
+                not_felt=sum(score.kind is None for score in some),
+                right=Share.among(
+                    None
+                    if one.kind is None or (one.touch.row == LOG and one.kind in UNKNOWN_IN_LOGS)
+                    else one.kind == true
+                    for one in some
+                ),
+                end=Quantiles.among(ends, len(right)),
+            )
 
 
 # -- small things -----------------------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
+from pepper_driver.config.contact_selector import Kind
 from pepper_driver.evaluation.touch.n90 import N90, poisson_interval, wilson_interval
 from pepper_driver.evaluation.touch.states import STANDING, STATES
 
@@ -306,6 +307,27 @@ class Forces:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Kinds:
+    """Touches of one true kind, by the kind that was reported of them last.
+
+    Attributes:
+        true: The true kind.
+        reported: Number of touches by kind that was reported, the frequent ones first.
+        not_felt: Number of touches that were not felt: no kind was reported.
+        right: Felt ones of which the true kind was reported. Those of a log whose kind the label cannot refute do not
+            count.
+        end: Time from the release to the event that reports the end of the contact, and a tap as such [s], where the
+            kind is right. ``of`` has those without an end too.
+    """
+
+    true: Kind
+    reported: dict[Kind, int]
+    not_felt: int
+    right: Share
+    end: Quantiles
+
+
+@dataclass(frozen=True, kw_only=True)
 class RestAndMotion:
     """Touches of the row of N90 by what their limb did at the onset: how many of each were felt."""
 
@@ -340,6 +362,7 @@ class ObserverSummary:
         false: False contacts.
         located, delays, ends, torques, motion: By law, ALL first.
         forces: By law, place and group of states, ALL first; empty if it reports none.
+        kinds: By true kind; empty if it reports none but those with which a contact begins.
         threshold_deg: By joint, median threshold while nothing touched the robot [deg].
     """
 
@@ -356,6 +379,7 @@ class ObserverSummary:
     ends: tuple[Ends, ...]
     torques: tuple[Torques, ...]
     forces: tuple[Forces, ...]
+    kinds: tuple[Kinds, ...]
     motion: tuple[RestAndMotion, ...]
     threshold_deg: dict[str, float]
 

@@ -238,6 +238,21 @@ def test_a_log_has_its_places_without_groups_or_simulation(tmp_path: Path) -> No
     assert write_touch_pictures(summary, tmp_path, ROBOT, simulated=False) == {}
 
 
+def test_kinds_are_a_table_where_an_observer_reports_them() -> None:
+    touches = [touched(5.0 * n, release=5.0 * n + 0.1) for n in range(1, 5)] + [touched(50.0)]
+    kinds = {1: "tap", 2: "tap", 3: "push", 10: "push"}
+    events = [e for n, k in kinds.items() for e in told(n, 5.0 * n + 0.06, 5.0 * n + 0.5, kind=k)]
+    hearing = replace(drawn()[0].takes[0].hearings[OURS], events=tuple(events), torques=())
+    page = text(summarise_touch((robot(take(touches, {OURS: hearing})),), (OURS,), ROBOT))
+    check_tables(page)
+    assert "| true kind | push | tap | not felt | right, of felt ones | end after" in page
+    right = share_text(Share.counted(2, 3))
+    assert line(page, "**tap**") == f"| **tap** | 1 | 2 | 1 | {right} | 400 / 400 ms (2 of 2) |"
+    assert line(page, "**push**").startswith("| **push** | 1 | 0 | 0 | 1.00 ")
+    # Its observer reports no kinds.
+    assert "## Kinds of touches" not in text(summary_of_drawn())
+
+
 def test_numbers_have_three_digits_at_most() -> None:
     assert [figure(x) for x in (0.052, 0.52, 7.44, 13.4, 298.1, math.inf)] == [
         "0.05",

@@ -275,6 +275,63 @@ def test_touches_at_rest_and_in_motion_are_told_apart() -> None:
     assert (motion.moving.of, motion.moving.count) == (3, 1)
 
 
+def kinds_of(summary: TouchSummary) -> dict[str, Any]:
+    return {one.true: one for one in ours(summary).kinds}
+
+
+def test_kinds_are_counted_by_the_true_and_the_reported_one() -> None:
+    touches = [touched(5.0 * n, release=5.0 * n + 0.1, row="tap") for n in range(1, 7)]
+    touches += [touched(50.0 + 5.0 * n) for n in range(3)]
+    touches += [touched(100.0, asked=20.0, rise=0.02), touched(110.0, rise=None, row="grip")]
+    kinds = {5: "tap", 10: "tap", 15: "tap", 20: "double tap", 25: "push"}
+    kinds |= {50: "push", 55: "tap", 60: "hold", 100: "collision", 110: "grip"}
+    ends = {5: 0.42, 10: 0.44, 15: 0.5, 20: 0.3}
+    events = [
+        event
+        for n, kind in kinds.items()
+        for event in told(n, n + 0.06, n + 0.1 + ends.get(n, 0.9), kind=kind)
+    ]
+    found = kinds_of(summed(robot(standing(touches, events))))
+    assert list(found) == ["collision", "push", "tap"]
+    assert found["tap"].reported == {"tap": 3, "double tap": 1, "push": 1}
+    assert found["tap"].not_felt == 1
+    assert found["tap"].right == Share.counted(3, 5)
+    assert found["tap"].end.median == pytest.approx(0.44)
+    assert (found["tap"].end.count, found["tap"].end.of) == (3, 3)
+    assert found["push"].reported == {"push": 1, "tap": 1, "hold": 1}
+    assert found["push"].right == Share.counted(1, 3)
+    assert found["collision"].right == Share.counted(1, 1)
+
+    lost = robot(take(touches, state="standing"), name="b", failure="too little motion")
+    both = kinds_of(summed(robot(standing(touches, events)), lost))
+    assert (both["tap"].right, both["tap"].not_felt) == (Share.counted(3, 5), 7)
+    data = summed(robot(standing(touches, events))).as_json()["observers"][0]["kinds"]
+    assert [one["true"] for one in data] == ["collision", "push", "tap"]
+    assert json.loads(json.dumps(data))[2]["reported"] == found["tap"].reported
+
+
+def test_an_observer_that_reports_no_kinds_is_not_scored_by_them() -> None:
+    touches, events = [touched(5.0), touched(10.0)], [*told(1, 5.2, 6.0)]
+    hard = told(2, 10.2, 11.0, kind="collision")
+    assert ours(summed(robot(standing(touches, [*events, *hard])))).kinds == ()
+    assert ours(summed(robot(standing(touches)))).kinds == ()
+
+
+def test_a_label_refutes_neither_a_collision_nor_a_grip() -> None:
+    values: dict[str, Any] = {"row": "log", "rise": None, "force": None, "torque": {}}
+    touches = [touched(5.0 * n, **values) for n in range(1, 6)]
+    kinds = {1: "push", 2: "collision", 3: "grip", 4: "tap"}
+    events = [
+        event
+        for n, kind in kinds.items()
+        for event in told(n, 5.0 * n + 0.1, 5.0 * n + 1.1, kind=kind)
+    ]
+    log = robot(standing(touches, events, state="log"), law=None, draw=None)
+    (push,) = kinds_of(summed(log)).values()
+    assert push.reported == {"push": 1, "collision": 1, "grip": 1, "tap": 1}
+    assert (push.not_felt, push.right) == (1, Share.counted(1, 2))
+
+
 # -- what is missing --------------------------------------------------------------------------------------------------
 
 
