@@ -437,15 +437,15 @@ def split(robots: int = 6) -> list[RobotRecord]:
     for number in range(robots):
         hand = 3.0 if number % 2 else 5.0
         places = {
-            "hand": {OURS: hand, "fusion-without-twin": 2.0 * hand},
-            "trunk": {OURS: math.inf, "fusion-without-twin": math.inf},
+            "hand": {OURS: hand, "fusion-without-model": 2.0 * hand},
+            "trunk": {OURS: math.inf, "fusion-without-model": math.inf},
         }
         records.append(
             drawn_robot(
                 number,
                 "integral" if number % 2 else "nominal",
                 {state: places for state in ("standing", "after-motion", "gesturing")},
-                false={OURS: 2.0, "fusion-without-twin": 12.0},
+                false={OURS: 2.0, "fusion-without-model": 12.0},
                 forces=[force for force in FORCES for _ in range(6)],
                 free_hours=2.0,
                 spread=0.0,
@@ -456,7 +456,7 @@ def split(robots: int = 6) -> list[RobotRecord]:
 
 def test_n90_of_robots_drawn_from_known_curves() -> None:
     records = split()
-    summary = summed(*records, observers=(OURS, "fusion-without-twin"))
+    summary = summed(*records, observers=(OURS, "fusion-without-model"))
     for law, middle in (("nominal", 5.0), ("integral", 3.0)):
         cell = ours(summary).group(law, "hand", "standing")
         assert cell is not None
@@ -467,7 +467,7 @@ def test_n90_of_robots_drawn_from_known_curves() -> None:
         assert trunk is not None
         assert trunk.n90 is not None
         assert trunk.n90.text == "> 30"
-    other = summary.observer("fusion-without-twin")
+    other = summary.observer("fusion-without-model")
     assert other is not None
     assert other.cells == ()
     assert len(other.groups) == len(ours(summary).groups)
@@ -491,8 +491,8 @@ def test_n90_of_robots_drawn_from_known_curves() -> None:
 
 def test_observers_are_compared_robot_by_robot() -> None:
     records = split()
-    summary = summed(*records, observers=(OURS, "fusion-without-twin"))
-    other = summary.observer("fusion-without-twin")
+    summary = summed(*records, observers=(OURS, "fusion-without-model"))
+    other = summary.observer("fusion-without-model")
     assert other is not None
     pair = paired(ours(summary), other)
     assert pair.robots == 6
