@@ -156,6 +156,9 @@ class Pepper(CallbackRegistry):
         dry_run_reflexes(self.reflexes, config)
         super().__init__(config, self.reflexes)
         self._models = None if models is None else as_path("models", models)
+        self._observer_name = observer if isinstance(observer, str) else None
+        if self._models is not None and self._observer_name is None:
+            raise ConfigError("models are for an observer that is given by its name")
         measured = measured_robot(self._models)
         self.backend: Backend = make_backend(uri_with_measured_delay(uri, measured), self.config)
         self.services = UserServices(self.backend, self._is_active)
@@ -166,9 +169,6 @@ class Pepper(CallbackRegistry):
                 "always ticks in the caller"
             )
         self._loop_thread = self.paced and loop != "caller"
-        self._observer_name = observer if isinstance(observer, str) else None
-        if self._models is not None and self._observer_name is None:
-            raise ConfigError("models are for an observer that is given by its name")
         self.observer = observer if isinstance(observer, Observer) else None
         if self.observer is not None:
             dry_run_observer(self.observer, self.config)

@@ -382,9 +382,9 @@ CASES: list[tuple[str, str, str]] = [
         "median_window: 0",
         "mine.yaml line 3: key 'median_window': must be 1 or more, got 0",
     ),
-    ("observer", "adapt: 1", "mine.yaml line 7: key 'adapt': must be true or false, got 1"),
-    ("observer", "adap: true", "mine.yaml line 13: unknown key 'adap' (did you mean adapt?"),
-    ("observer", "merge_gap: -1", "mine.yaml line 9: key 'merge_gap': must be 0 or more, got -1"),
+    ("observer", "adapt: 1", "mine.yaml line 8: key 'adapt': must be true or false, got 1"),
+    ("observer", "adap: true", "mine.yaml line 14: unknown key 'adap' (did you mean adapt?"),
+    ("observer", "merge_gap: -1", "mine.yaml line 10: key 'merge_gap': must be 0 or more, got -1"),
     (
         "controller",
         "feedback: all",
@@ -398,22 +398,22 @@ CASES: list[tuple[str, str, str]] = [
     (
         "controller",
         "velocity: fast",
-        "mine.yaml line 26: key 'velocity': must be 'safe' or 'robot', got \"fast\"",
+        "mine.yaml line 31: key 'velocity': must be 'safe' or 'robot', got \"fast\"",
     ),
     (
         "controller",
         "velocity_limit: {HeadYaw: 1.0}",
-        "mine.yaml line 29: key 'velocity_limit': no entry for joint HeadPitch, HipPitch, HipRoll,",
+        "mine.yaml line 34: key 'velocity_limit': no entry for joint HeadPitch, HipPitch, HipRoll,",
     ),
     (
         "controller",
         "velocity_limit: 3",
-        "mine.yaml line 29: key 'velocity_limit': must be a mapping of keys to values, got 3",
+        "mine.yaml line 34: key 'velocity_limit': must be a mapping of keys to values, got 3",
     ),
     (
         "controller",
         "jerk_limit: {HeadYow: 1.0}",
-        "mine.yaml line 38: key 'jerk_limit': unknown joint 'HeadYow' (did you mean HeadYaw or RHand",
+        "mine.yaml line 46: key 'jerk_limit': unknown joint 'HeadYow' (did you mean HeadYaw or RHand",
     ),
     (
         "controller",
@@ -428,12 +428,12 @@ CASES: list[tuple[str, str, str]] = [
     (
         "controller",
         "position_margin: -0.1",
-        "mine.yaml line 40: key 'position_margin': must be 0 or more, got -0.1",
+        "mine.yaml line 48: key 'position_margin': must be 0 or more, got -0.1",
     ),
     (
         "controller",
         "constraints: []",
-        "mine.yaml line 41: key 'constraints': must be a mapping of keys to values",
+        "mine.yaml line 49: key 'constraints': must be a mapping of keys to values",
     ),
     (
         "doctor",

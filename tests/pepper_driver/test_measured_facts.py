@@ -56,7 +56,7 @@ def test_the_uri_comes_before_the_models_before_the_settings(
 
 def test_models_that_say_nothing_leave_the_settings(tmp_path: Path) -> None:
     path = tmp_path / "models.json"
-    MODELS.save(path)
+    replace(MODELS, measured=None).save(path)
     assert Pepper("naoqi://pepper.local", models=path).backend.uri == "naoqi://pepper.local"
     assert Pepper("naoqi://pepper.local", observer=None).backend.uri == "naoqi://pepper.local"
 

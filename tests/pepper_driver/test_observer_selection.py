@@ -136,7 +136,7 @@ def test_the_nearest_of_several_shipped_models_is_taken() -> None:
 
 
 def test_every_shipped_plant_has_an_observer() -> None:
-    assert len(plant_names()) == 15
+    assert len(plant_names()) == 16
     for plant in plant_names():
         info = make_backend(f"mujoco://?plant={plant}").info
         assert load_shipped("fusion", info.identities).models.keys() == set(ROBOT.joint_names)

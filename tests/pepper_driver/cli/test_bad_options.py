@@ -266,7 +266,7 @@ CASES: list[tuple[str, str]] = [
         "evaluate",
         "give either --suite or --log; suites: paper, fit, mirror, types, all",
     ),
-    ("evaluate --log folder", "folder: cannot be read (it is a folder)"),
+    ("evaluate --log folder", "folder: it: holds no first hour (no first_hour.json)"),
     ("evaluate --log none.mcap", "none.mcap: cannot be read (there is no such file)"),
     ("evaluate --log text", "text: is not an MCAP file"),
     ("evaluate run.mcap", "run.mcap: recordings come after --log"),
@@ -501,7 +501,7 @@ def test_each_option_says_what_it_takes(command: str, parameter: Any) -> None:
     if parameter.param_type_name == "option" and not parameter.is_bool_flag:
         assert parameter.metavar or described.is_choice, "no word for what it takes"
     if described.annotation is float:
-        assert parameter.metavar == ("X" if parameter.name == "speed" else "SECONDS")
+        assert parameter.metavar == {"speed": "X", "weight": "KG"}.get(parameter.name, "SECONDS")
     if parameter.name == "workers":
         assert parameter.help == "Processes that work at the same time; by default one per core."
     takes_value = parameter.param_type_name == "option" and not parameter.is_bool_flag
@@ -512,7 +512,7 @@ def test_each_option_says_what_it_takes(command: str, parameter: Any) -> None:
         and not parameter.multiple
     ):
         left_out = ("json_file", "log", "out", "plot", "report", "soak", "experiment", "link")
-        optional = {*left_out, "network", "split", "suite"}
+        optional = {*left_out, "network", "split", "suite", "prompts", "again", "recordings", "weight"}
         assert "default" in parameter.help or parameter.name in optional, "what happens without it?"
 
 
