@@ -38,8 +38,8 @@ REISOLATION_TIMES = (0.05, 0.15)
 TRUNK_REPORT_DELAY = 0.1
 """[s] The base often detects a push on a limb first, and the limb detects it within this time."""
 
-COLLISION_TIME = 0.05
-"""[s] from the detection until which a collision reaches its size: a hand that pushes is slower."""
+COLLISION_TIME = 0.1
+"""[s] from the onset until which a collision reaches its size: a hand that pushes is slower."""
 
 TAP_TIME = 0.35
 """[s] A contact that is over sooner was a tap."""
@@ -203,7 +203,7 @@ class BodyTracker:
                     excursion is not None
                     and excursion.kind == "contact"
                     and ratio > self._collision
-                    and time - excursion.begin_time <= COLLISION_TIME + TIME_TOLERANCE
+                    and time - excursion.onset_time <= COLLISION_TIME + TIME_TOLERANCE
                 ):
                     excursion.kind = "collision"
             limb.ratios.append(ratios)

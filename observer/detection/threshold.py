@@ -27,7 +27,7 @@ MIN_SPREAD = np.radians(0.1)
 MIN_TORQUE = 0.08
 """[N m] Smallest threshold as a torque: 100 g in a hand, unknown to the robot's description, turn a wrist."""
 
-TAIL = 0.22
+TAIL = 0.37
 """Growth of the largest residual per spread, as the time in which it is looked for grows by a factor of e."""
 
 EXCURSIONS = 5000.0
