@@ -99,7 +99,7 @@ JOINTS = ["--joints", "LElbowRoll", "--calibration", "none"]
 
 def identify(folder: Path, *options: str) -> dict[str, bytes]:
     """Identify with short motions; returns the files, by name."""
-    arguments = [*short_files(folder.parent)[:2], *JOINTS, "--recordings", str(folder)]
+    arguments = [*short_files(folder.parent)[:3], *JOINTS, "--recordings", str(folder)]
     out, figures = folder.parent / "models.json", folder.parent / "figures.json"
     assert run(["identify", "--out", str(out), "--json", str(figures), *arguments, *options]) == 0
     return {"models": out.read_bytes(), "figures": figures.read_bytes(), **recordings(folder)}
@@ -131,7 +131,7 @@ def test_an_interrupted_identification_goes_on_with_other_workers(
     """By Ctrl-C: what came back is kept, the rest is taken from the cluster; then here, then there again."""
     folder = tmp_path / "kept"
     command = ["identify", "--out", str(tmp_path / "models.json"), "--recordings", str(folder)]
-    command += [*short_files(tmp_path)[:2], *JOINTS, "--cluster", dask.address]
+    command += [*short_files(tmp_path)[:3], *JOINTS, "--cluster", dask.address]
     process = subprocess.Popen(
         [sys.executable, "-m", "pepper_driver", *command],
         stdout=subprocess.PIPE,
@@ -166,7 +166,7 @@ def test_a_worker_killed_in_an_identification_costs_no_run(
         process = two.add_worker()
         command = ["identify", "--out", str(folder.parent / "models.json"), *JOINTS]
         command += ["--json", str(folder.parent / "figures.json"), "--recordings", str(folder)]
-        command += [*short_files(folder.parent)[:2], "--cluster", two.address]
+        command += [*short_files(folder.parent)[:3], "--cluster", two.address]
         with subprocess.Popen(
             [sys.executable, "-m", "pepper_driver", *command], stdout=subprocess.DEVNULL
         ) as sweep:
@@ -188,7 +188,7 @@ def test_a_plant_that_is_another_one_on_the_workers_is_refused(
     plant = tmp_path / "mine.yaml"
     plant.write_text("extends: nominal\nname: mine\n")
     folder = tmp_path / "kept"
-    arguments = [*short_files(tmp_path)[:2], *JOINTS, "--recordings", str(folder)]
+    arguments = [*short_files(tmp_path)[:3], *JOINTS, "--recordings", str(folder)]
     arguments += ["--backend", f"mujoco://?plant={plant}", "--cluster", dask.address]
     changed = {"done": False}
 

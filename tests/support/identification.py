@@ -34,7 +34,7 @@ def short_files(folder: Path) -> list[str]:
     options = ["--no-measure"]
     changes: dict[str, tuple[str, str, dict[str, Any]]] = {
         "experiment": ("identify", "sweeps", _SHORT),
-        "calibration": ("calibration_motion", "setpoints", {"count": 1}),
+        "calibration": ("calibration_motion", "setpoints", {"count": 3}),
     }
     for option, (name, kind, goals) in changes.items():
         data = read_yaml(package_file("experiments", f"{name}.yaml"))

@@ -512,7 +512,16 @@ def test_each_option_says_what_it_takes(command: str, parameter: Any) -> None:
         and not parameter.multiple
     ):
         left_out = ("json_file", "log", "out", "plot", "report", "soak", "experiment", "link")
-        optional = {*left_out, "network", "split", "suite", "prompts", "again", "recordings", "weight"}
+        optional = {
+            *left_out,
+            "network",
+            "split",
+            "suite",
+            "prompts",
+            "again",
+            "recordings",
+            "weight",
+        }
         assert "default" in parameter.help or parameter.name in optional, "what happens without it?"
 
 

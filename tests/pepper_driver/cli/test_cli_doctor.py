@@ -36,7 +36,7 @@ def test_the_simulated_robot_is_well(tmp_path: Path, capsys: pytest.CaptureFixtu
     figures = tmp_path / "doctor.json"
     assert run(["doctor", "--yes", "--json", str(figures)]) == 0
     rows = table(capsys.readouterr().out)
-    assert len(rows) == 21
+    assert len(rows) == 23
     assert {name for name, outcome in rows.items() if outcome != "ok"} == {"diagnosis"}
     content = json.loads(figures.read_text())
     assert content["passed"] is True

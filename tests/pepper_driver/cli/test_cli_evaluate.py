@@ -163,7 +163,7 @@ def test_a_simulated_run_needs_no_labels(
     with Pepper("mujoco://?seed=3", observer=None, robot=ROBOT, log=log) as pepper:
         pepper.push("LForeArm", [0.0, 29.0, 0.0], duration=0.8, delay=1.0)
         pepper.run(3.0)
-        pepper.push("base_link", [10.0, 0.0, 0.0], duration=0.3)  # too light to be felt
+        pepper.push("base_link", [1.0, 0.0, 0.0], duration=0.3)  # too light to be felt
         pepper.run(1.0)
     assert run(["evaluate", "--workers", "1", "--json", str(figures), "--log", str(log)]) == 0
     assert "1 of 2" in capsys.readouterr().out

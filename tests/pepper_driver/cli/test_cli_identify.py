@@ -219,7 +219,7 @@ def test_other_signals_keep_finished_runs_too(
         return perform(uri, run)
 
     monkeypatch.setattr(identify_module, "perform", terminated_in_the_second)
-    options = ["--joints", "HeadPitch", "--workers", "1", *AFFINE, *short_files(tmp_path)[:2]]
+    options = ["--joints", "HeadPitch", "--workers", "1", *AFFINE, *short_files(tmp_path)[:3]]
     with raised_signals():
         assert run(["identify", "--out", str(tmp_path / "m.json"), *options]) == 143
     captured = capsys.readouterr()
@@ -290,7 +290,7 @@ def test_a_real_robot_is_closed_when_a_run_is_interrupted(
 ) -> None:
     made = use_backends(monkeypatch, SlowRobot, SlowRobot, InterruptedRobot)
     options = ["--out", str(tmp_path / "m.json"), "--joints", "HeadPitch", *REAL, *AFFINE]
-    assert run(["identify", *options, *short_files(tmp_path)[:2], "--yes"]) == 130
+    assert run(["identify", *options, *short_files(tmp_path)[:3], "--yes"]) == 130
     assert "1 of 3 runs are kept" in capsys.readouterr().out
     assert made[-1].calls == ["open", "activate", "close"]
     assert {path.name for path in (tmp_path / "m-recordings").iterdir()} == {
@@ -367,7 +367,7 @@ def test_many_robots_are_identified_counted_and_taken_again(
     )
     options = ["--out", str(tmp_path / "out"), "--joints", "LElbowRoll", "--workers", "2"]
     options += ["--backend", f"mujoco://?plant={plant}", "--json", str(tmp_path / "figures.json")]
-    options += [*AFFINE, "--experiment", short_files(tmp_path)[1]]
+    options += [*AFFINE, "--experiment", short_files(tmp_path)[2]]
     assert run(["identify", "--draws", "0-3", *options]) == 1
     content = json.loads((tmp_path / "figures.json").read_text())
     states = {draw: robot["state"] for draw, robot in content["robots"].items()}

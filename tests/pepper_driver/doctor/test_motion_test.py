@@ -184,22 +184,21 @@ def test_a_robot_without_currents_shows_no_delay(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.usefixtures("brief")
-def test_a_worn_robot_is_told_so_by_the_models_of_its_youth() -> None:
+def test_a_worn_robot_must_be_identified_again() -> None:
     motion_test = tried("mujoco://?plant=worn")
-    assert statuses(motion_test)["models fit"] is CheckStatus.WARNING
-    worn = [fit.joint for fit in motion_test.fits if fit.verdict is Verdict.WORN]
-    assert len(worn) > 7
-    assert "LShoulderRoll" in worn
-    assert statuses(motion_test)["untouched"] is CheckStatus.OK
+    assert statuses(motion_test)["models fit"] is CheckStatus.FAILED
+    changed = [f.joint for f in motion_test.fits if f.verdict in (Verdict.WORN, Verdict.MISFIT)]
+    assert len(changed) > 7
+    assert "LShoulderRoll" in changed
 
 
 @pytest.mark.usefixtures("brief")
-def test_a_load_in_a_hand_does_not_condemn_the_models() -> None:
+def test_a_load_in_a_hand_shows_on_its_arm_alone() -> None:
     motion_test = tried("mujoco://?plant=payload")
-    assert motion_test.passed
-    worn = {fit.joint for fit in motion_test.fits if fit.verdict is Verdict.WORN}
-    assert "LWristYaw" in worn
-    assert not any(joint.startswith(("R", "Head")) for joint in worn)
+    assert statuses(motion_test)["models fit"] is CheckStatus.FAILED
+    loaded = {f.joint for f in motion_test.fits if f.verdict in (Verdict.WORN, Verdict.MISFIT)}
+    assert "LWristYaw" in loaded
+    assert not any(joint.startswith(("R", "Head")) for joint in loaded)
 
 
 @pytest.mark.usefixtures("brief")

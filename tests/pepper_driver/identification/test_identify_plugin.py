@@ -18,7 +18,7 @@ pytestmark = pytest.mark.usefixtures("example_plugins")
 def test_a_plug_in_that_has_truth_is_identified_and_then_observed(tmp_path: Path) -> None:
     models, figures = tmp_path / "models.json", tmp_path / "figures.json"
     robot = ["--backend", "pinocchio://?seed=3", "--joints", "LElbowRoll", "--workers", "1"]
-    motion = [*short_files(tmp_path)[:2], "--calibration", "none", "--model-type", "affine"]
+    motion = [*short_files(tmp_path)[:3], "--calibration", "none", "--model-type", "affine"]
     assert run(["identify", "--out", str(models), "--json", str(figures), *robot, *motion]) == 0
     fit = json.loads(figures.read_text())["fit"]
     assert CLOSED_FORM not in fit, "its motors are not those of Eq. 11"
