@@ -28,6 +28,9 @@ MAX_INTENSITY_DEG = 180.0
 MAX_TORQUE = 100.0
 """Largest ``min_torque`` [N m]; more than any joint of a Pepper holds."""
 
+MAX_FORCE = 300.0
+"""Largest ``min_force`` [N]; more than a Pepper weighs."""
+
 
 class SelectorError(PepperError, ValueError):
     """A choice of contacts that makes no sense, or that no contact can meet.
@@ -75,6 +78,8 @@ class ContactSelector:
         min_intensity_deg: Only contacts of at least this intensity [deg].
         min_torque: Only contacts whose estimated torque on their joint is at least this, in either direction [N m].
             Contacts on the trunk, and those of an observer that estimates no torques, have none.
+        min_force: Only contacts whose estimated force on their limb is at least this [N]. Contacts on the trunk, and
+            those of another observer than ``fusion``, have none.
     """
 
     limb: Names = ()
@@ -83,6 +88,7 @@ class ContactSelector:
     kind: Kind | None = None
     min_intensity_deg: Annotated[float, Field(ge=0, le=MAX_INTENSITY_DEG), _Number] = 0.0
     min_torque: Annotated[float, Field(ge=0, le=MAX_TORQUE), _Number] = 0.0
+    min_force: Annotated[float, Field(ge=0, le=MAX_FORCE), _Number] = 0.0
 
     @classmethod
     def from_arguments(cls, **arguments: Any) -> Self:  # noqa: ANN401 checked here
@@ -138,6 +144,8 @@ class ContactSelector:
             text += f", {self.min_intensity_deg:g} deg and more"
         if self.min_torque:
             text += f", {self.min_torque:g} N m and more"
+        if self.min_force:
+            text += f", {self.min_force:g} N and more"
         return text
 
 
@@ -192,6 +200,7 @@ class TouchTrigger(ContactSelector):
             and self.kind in (None, other.kind)
             and self.min_intensity_deg <= other.min_intensity_deg
             and self.min_torque <= other.min_torque
+            and self.min_force <= other.min_force
             and self.lasting <= other.lasting
             and self.touches <= other.touches
             and (self.within is None or (other.within or self.within) <= self.within)

@@ -2,6 +2,7 @@
 
 import copy
 import json
+import re
 import runpy
 import sys
 from dataclasses import asdict
@@ -207,7 +208,8 @@ def test_the_exit_code_says_if_it_is_the_same(
     monkeypatch.setattr(sys, "argv", [str(SCRIPT), *arguments])
     assert main() == code
     shown, document = capsys.readouterr().out, json.loads(file.read_text())
-    assert ("feel_a_push: same" in shown, "begins 0.272 s" in shown) == (code == 0, code == 1)
+    later = re.search(r"begins 0\.\d{3} s", shown) is not None
+    assert ("feel_a_push: same" in shown, later) == (code == 0, code == 1)
     assert "what differs by nature" in shown
     assert document["same"] == (code == 0)
     assert document["programs"]["feel_a_push"]["worlds"] == [first, other]

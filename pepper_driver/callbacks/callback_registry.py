@@ -110,8 +110,9 @@ class CallbackRegistry:
         Args:
             **selector: Which contacts: those that meet all of these. ``limb``, ``link``, ``joint``: a name, or a list
                 of which any will do. ``kind``: ``contact``, ``collision`` or ``rebound``; None, the default, for
-                contacts and collisions. ``min_intensity_deg`` [deg]. ``min_torque`` [N m]. ``phase``: ``begin``, the
-                default: once for each contact, as soon as it is as described; ``update``; ``end``; None for all.
+                contacts and collisions. ``min_intensity_deg`` [deg]. ``min_torque`` [N m]. ``min_force`` [N].
+                ``phase``: ``begin``, the default: once for each contact, as soon as it is as described; ``update``;
+                ``end``; None for all.
 
         Raises:
             UnknownNameError: No such limb, link, joint, kind or phase.

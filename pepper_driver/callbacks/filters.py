@@ -35,6 +35,7 @@ class ContactArguments(TypedDict, total=False):
         kind: Kind of contact.
         min_intensity_deg: [deg]
         min_torque: [N m]
+        min_force: [N]
         phase: ``begin``, the default; ``update``; ``end``; None for every event.
     """
 
@@ -44,6 +45,7 @@ class ContactArguments(TypedDict, total=False):
     kind: Kind | None
     min_intensity_deg: float
     min_torque: float
+    min_force: float
     phase: Phase | None
 
 
@@ -102,6 +104,7 @@ def meets(contact: Contact, selector: ContactSelector) -> bool:
         and (contact.kind == selector.kind if selector.kind else contact.kind != "rebound")
         and contact.intensity_deg >= selector.min_intensity_deg
         and (not selector.min_torque or abs(contact.torque or 0.0) >= selector.min_torque)
+        and (not selector.min_force or (contact.force_size or 0.0) >= selector.min_force)
     )
 
 

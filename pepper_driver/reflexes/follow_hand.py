@@ -35,12 +35,12 @@ class FollowHand(Comply):
 
     ``follow_with: arm`` is a free :class:`Comply` that stays where it was led to. With ``follow_with: base`` the arm
     keeps its posture, and the base rolls as the horizontal force on the hand pulls it: speed = force /
-    ``base_damping``, beyond a dead band of ``min_force``.
+    ``base_damping``, beyond a dead band of ``base_deadband``.
 
     Attributes:
         follow_with: ``arm`` or ``base``.
         base_damping: [N s/m] Of the base.
-        min_force: That moves the base [N].
+        base_deadband: Force up to which the base stays [N].
         speed: Of the base, at most [m/s].
         smoothing_time: Of the force [s]: a base that follows every tremor of the estimate would jerk.
     """
@@ -48,7 +48,7 @@ class FollowHand(Comply):
     then: Then = "stay"
     follow_with: FollowWith = "arm"
     base_damping: float = 60.0
-    min_force: float = 3.0
+    base_deadband: float = 3.0
     speed: float = 0.25
     smoothing_time: float = 0.15
 
@@ -59,7 +59,7 @@ class FollowHand(Comply):
                 f"{self.name}: 'follow_with' is 'arm' or 'base', got {self.follow_with!r}"
             )
         self.check("base_damping", 1.0, 1e4)
-        self.check("min_force", 0.0, 100.0)
+        self.check("base_deadband", 0.0, 100.0)
         self.check("speed", 0.01, 1.0)
         self.check("smoothing_time", 0.02, 5.0)
         if self.follow_with == "base":
@@ -101,7 +101,7 @@ class FollowHand(Comply):
         fraction = self.robot.cycle / self.smoothing_time
         self._force += fraction * (self._horizontal_force(observation, measurement) - self._force)
         size = float(np.linalg.norm(self._force))
-        beyond = max(size - self.min_force, 0.0)
+        beyond = max(size - self.base_deadband, 0.0)
         velocity = min(beyond / self.base_damping, self.speed) * self._force / max(size, 1e-9)
         self._base.target = np.array([velocity[0], velocity[1], 0.0])
         requests.add_task(self._base)

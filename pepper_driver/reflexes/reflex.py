@@ -72,6 +72,7 @@ class Reflex:
             is for collisions.
         min_intensity_deg: Only contacts of at least this intensity [deg].
         min_torque: Only contacts with at least this torque on their joint [N m].
+        min_force: Only contacts with at least this force on their limb [N].
         priority: Of several that want the same joints, or the base, the one with the highest gets them.
         then: ``resume``: the user's motion continues. ``stay``: the joints stay where they are until the user moves
             them.
@@ -97,6 +98,7 @@ class Reflex:
     kind: Kind | None = None
     min_intensity_deg: float = 0.0
     min_torque: float = 0.0
+    min_force: float = 0.0
     priority: int = 0
     then: Then = "resume"
     release_delay: float = 0.5

@@ -50,7 +50,7 @@ DISPLACEMENT = 0.2
 OBSERVER_TICKS = 50
 """Length of an observer's dry run."""
 
-INTENSITY, TORQUE = 30.0, 10.0
+INTENSITY, TORQUE, FORCE = 30.0, 10.0, 20.0
 """[deg], [N m] Of the contacts that a reflex is run dry with: strong ones, which all are for."""
 
 DECELERATION = 10.0
@@ -324,6 +324,7 @@ def _contacts(reflex: Reflex, robot: RobotConfig) -> Iterator[Contact]:
             contact,
             intensity_deg=max(contact.intensity_deg, reflex.min_intensity_deg),
             torque=max(TORQUE, reflex.min_torque),
+            force=(max(FORCE, reflex.min_force), 0.0, 0.0),
         )
         if reflex.matches(contact):
             yield contact

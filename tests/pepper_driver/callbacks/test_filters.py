@@ -40,6 +40,8 @@ LINK = ROBOT.links[-1]
         ({"min_torque": 2.0}, {"torque": -2.0}, {"torque": 1.9}),
         ({"min_torque": 2.0}, {"torque": 2.5}, {"torque": None}),
         ({"min_torque": 2.0}, {"torque": 2.5}, {"torque": float("nan")}),
+        ({"min_force": 5.0}, {"force": (3.0, 0.0, -4.0)}, {"force": (3.0, 3.9, 0.0)}),
+        ({"min_force": 5.0}, {"force": (0.0, 6.0, 0.0)}, {"force": None}),
         (  # all conditions, not any
             {"limb": "head", "kind": "collision", "min_torque": 1.0},
             {"limb": "head", "kind": "collision", "torque": 1.0},

@@ -94,7 +94,7 @@ FORCES = RandomForces(
 PLANNED: dict[str, tuple[AnyContact, ...]] = {
     "arm": (PUSHES,),
     "pairs": (PUSHES, replace(PUSHES, joints=("RElbowRoll",), points=RIGHT, degrees=(1.0, 4.0))),
-    "fingers": (replace(PUSHES, joints=("LHand",), points=FINGERS),),
+    "fingers": (replace(PUSHES, joints=("LHand",), points=FINGERS, degrees=(10.0, 16.0)),),
     "trunk and base": (FORCES,),
 }
 

@@ -283,7 +283,7 @@ def test_a_step_that_waits_for_its_targets_reaches_them_again() -> None:
         "name": "reach",
         "until": "reached",
         "duration": 1.2,
-        "timeout": 1.8,  # over before the last of the touches comes
+        "timeout": 2.4,  # over before the last of the touches comes
         "tolerance": 0.005,
         "hold": 2.4,
         "position": REACH,

@@ -165,24 +165,6 @@ def test_what_is_wrong_with_a_run_is_said(
     assert re.search(word, found[0].text), found[0].text
 
 
-def test_a_joint_in_doubt_that_falls_behind_is_not_said_to_rest() -> None:
-    motion, limit = swing(8.0), 0.4
-    slower = replace(motion, position=followed(motion.position, limit))
-    runs = [recording_of(motion, drive(slower))] * 5
-    # A residual where the command runs away from the board's target: at which speed that runs is not known.
-    away = int(np.abs(motion.position - slower.position).argmax())
-    position = runs[2].position.copy()
-    position[away - 10 : away + 10] += np.radians(3.0)
-    runs[2] = replace(runs[2], position=position)
-    entry = JointDataset(joint="LElbowRoll", estimation=tuple(runs[:4]), test=runs[4])
-    model = fusion_model(replace(STICK_SLIP, target_speed=limit))
-    recordings = IdentificationDataset(sweeps=(entry,), calibration=())
-    found = inspect_recordings(recordings, {"LElbowRoll": model})
-    (doubtful,) = (f for f in found if f.run is not None)
-    assert (doubtful.kind, doubtful.run) == ("doubtful", "LElbowRoll-3")
-    assert doubtful.text.startswith("falls behind its command, or rests off it")
-
-
 def wandering(degrees: float, *, fast: float) -> IdentificationDataset:
     """A board whose target wanders slowly by so much, in motion and at rest; and noise of the encoder."""
     motion = swing(18.0, rest=6.0)

@@ -41,7 +41,7 @@ EXTREMES: dict[str, tuple[Any, ...]] = {
     "max_torque": (0.1, 100.0),
     "torque": (0.1, 50.0),
     "base_damping": (1.0, 1e4),
-    "min_force": (0.0, 100.0),
+    "base_deadband": (0.0, 100.0),
     "speed": (0.01, 1.0),
     "distance": (0.01, 1.5),
     "stiffness": (0.0, 1.0),

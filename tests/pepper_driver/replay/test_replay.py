@@ -34,7 +34,7 @@ URI = "mujoco://?seed=3&plant=integral"
 
 def reflexes() -> list[Reflex]:
     return [
-        Hold(link="base_link", release_delay=0.2),
+        Hold(limb="trunk", release_delay=0.2),
         Retract(link="RBicep", release_delay=0.2, distance=0.2),
         Comply(joint="LShoulderRoll", gain=0.8, name="give way"),
         Soften(joint="RShoulderRoll", stiffness=0.6, release_delay=1.0),
@@ -52,6 +52,8 @@ def perform(pepper: Pepper) -> None:
     pepper.run(2.5)
     pepper.push("Head", [25, 0, 0], duration=0.6)
     pepper.set_posture({"LShoulderRoll": 0.9}, duration=1.0)
+    pepper.run(1.5)
+    pepper.push("base_link", [30, 0, 0], duration=0.4)
     pepper.run(1.5)
 
 
@@ -371,7 +373,9 @@ def test_a_changed_bit_of_a_measurement_is_told(log: Path) -> None:
     first = result.differences[0]
     assert first.time == pytest.approx(measurement.time, abs=0.1)
     # Thresholds of one joint depend on what others do: which one shows the bit first is the observer's affair.
-    assert re.fullmatch(r"(residual|threshold|torque) of \w+: \S+ in place of \S+", first.text)
+    assert re.fullmatch(
+        r"(residual|threshold|torque|torque_std) of \w+: \S+ in place of \S+", first.text
+    )
 
 
 @pytest.mark.parametrize("field", ["intensity_deg", "torque", "onset_time"])
