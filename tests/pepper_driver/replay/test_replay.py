@@ -53,7 +53,7 @@ def perform(pepper: Pepper) -> None:
     pepper.push("Head", [25, 0, 0], duration=0.6)
     pepper.set_posture({"LShoulderRoll": 0.9}, duration=1.0)
     pepper.run(1.5)
-    pepper.push("base_link", [30, 0, 0], duration=0.4)
+    pepper.push("base_link", [15, 0, 0], duration=0.4)
     pepper.run(1.5)
 
 
