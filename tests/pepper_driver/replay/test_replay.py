@@ -34,7 +34,7 @@ URI = "mujoco://?seed=3&plant=integral"
 
 def reflexes() -> list[Reflex]:
     return [
-        Hold(limb="trunk", release_delay=0.2),
+        Hold(limb="head", release_delay=0.2),
         Retract(link="RBicep", release_delay=0.2, distance=0.2),
         Comply(joint="LShoulderRoll", gain=0.8, name="give way"),
         Soften(joint="RShoulderRoll", stiffness=0.6, release_delay=1.0),
@@ -52,8 +52,6 @@ def perform(pepper: Pepper) -> None:
     pepper.run(2.5)
     pepper.push("Head", [25, 0, 0], duration=0.6)
     pepper.set_posture({"LShoulderRoll": 0.9}, duration=1.0)
-    pepper.run(1.5)
-    pepper.push("base_link", [15, 0, 0], duration=0.4)
     pepper.run(1.5)
 
 
