@@ -157,6 +157,9 @@ class Observer(ABC):
 MIN_OBSERVED_STIFFNESS = 0.99
 """Models are identified at full stiffness: a joint with less has another tracking error."""
 
+MAX_PLAUSIBLE = 1e4
+"""In SI units: larger commands and measurements are not valid."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Residuals:

@@ -103,6 +103,20 @@ def test_a_long_push_on_the_base_does_not_make_it_deaf(adapt: bool) -> None:
     assert {c.link for c in contacts} == {"base_link"}
 
 
+def test_samples_that_come_late_do_not_break_up_a_push_on_the_base() -> None:
+    """Recorded robots have 8 % of them."""
+    motion = swing(6.0, rate=1.5)
+    late = np.random.default_rng(1).random(len(motion)) < 0.08
+    made = ticks_of(motion, drive(motion, steps=20), late=late.astype(int).tolist())
+    for k, one in enumerate(made):
+        if 2.0 <= k * CYCLE < 4.0:
+            one.measurement.wheel_speed[:] = MATRIX @ np.array([6.0 * SPREAD, 0.0, 0.0])
+    assert late[round(2.0 / CYCLE) : round(4.0 / CYCLE)].sum() > 5
+    contacts = detect(fusion_observer(base=STILL_BASE), made)
+    reported = [(c.phase, round(c.time, 1)) for c in contacts if c.phase != "update"]
+    assert reported == [("begin", 2.1), ("end", 4.0)]
+
+
 def test_a_push_that_grows_for_long_is_detected_in_the_end() -> None:
     """Neither bias nor spread follow it beyond their limits."""
     motion = swing(30.0, rate=1.5)
