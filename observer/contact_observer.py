@@ -49,6 +49,9 @@ MAX_SPREAD = np.radians(3.0)
 WEAR_PERIOD = 2500
 """Ticks between two checks for worn joints: half a minute."""
 
+UNIT_PERIOD = 250
+"""Ticks between two checks for values of the inertial unit: three seconds."""
+
 LOG = logging.getLogger(__name__)
 
 
@@ -157,6 +160,7 @@ class ContactObserver(Observer):
         self._time = 0.0
         self._ticks = 0
         self._worn: tuple[str, ...] = ()
+        self._unit_reported = False
         self._doubted = np.zeros(len(self._none_settled), dtype=np.bool_)
         self._last_forces: dict[int, ContactForce] = {}
         self._generator.reset()
@@ -172,10 +176,16 @@ class ContactObserver(Observer):
         """Return one line: mode, models, thresholds."""
         known = np.degrees(self._generator.bounds[~self._generator.no_model])
         what = f"{self._models.kind} {'trees' if self._mode == 'paper' else 'models'}"
+        # There is none if each model is of a joint that detects nothing.
+        bounds = f"threshold {known.min():.2f} to {known.max():.2f} deg" if len(known) else "blind"
+        base, lack = self._models.base, ""
+        if self._mode == "fusion" and base is None:
+            lack = "; base not known"
+        elif self._mode == "fusion" and base is not None and not base.has_inertial_unit:
+            lack = "; base without inertial unit"
         return (
             f"{self._mode}: {what} of {len(self._models.models)} joints, identified on "
-            f"{self._models.identity}; median of {self._window}, "
-            f"threshold {known.min():.2f} to {known.max():.2f} deg"
+            f"{self._models.identity}; median of {self._window}, {bounds}{lack}"
         )
 
     def provenance(self) -> dict[str, str]:
@@ -206,6 +216,15 @@ class ContactObserver(Observer):
                 name,
             )
 
+    def _check_unit(self) -> None:
+        """Warn once a session about an inertial unit that gives no values."""
+        if self._generator.misses_inertial_unit and not self._unit_reported:
+            self._unit_reported = True
+            LOG.warning(
+                "the inertial unit gives no values, or always the same: pushes on trunk and base show in wheels and "
+                "legs alone"
+            )
+
     def _report_doubt(self, doubtful: BoolArray) -> None:
         """Report once a session each joint that is in doubt."""
         for joint in np.flatnonzero(doubtful & ~self._doubted):
@@ -233,8 +252,8 @@ class ContactObserver(Observer):
         """
         if _sizes(tick) != self._sizes:
             raise ArgumentError(f"a tick has arrays of {_sizes(tick)}, not of {self._sizes} values")
-        # Events must stay in order when the clock of the robot jumps back, or is NaN after a lost connection.
-        if tick.measurement.time > self._time:
+        # Events must stay in order when the clock of the robot jumps back, or is not finite after a lost connection.
+        if self._time < tick.measurement.time < math.inf:
             self._time = tick.measurement.time
         residuals = self._generator.step(tick)
         self._history.append(self._time, residuals.raw, residuals.base_raw)
@@ -245,6 +264,8 @@ class ContactObserver(Observer):
         self._ticks += 1
         if self._ticks % WEAR_PERIOD == 0:
             self._check_wear()
+        if self._ticks % UNIT_PERIOD == 0:
+            self._check_unit()
         return Observation(
             contacts=tuple(contacts),
             expected=residuals.expected,

@@ -204,6 +204,11 @@ class StaticGeneratorMixin:
         """(n,) False: wear is not estimated."""
         return np.zeros(len(self.no_model), dtype=np.bool_)
 
+    @property
+    def misses_inertial_unit(self) -> bool:
+        """False: it is not used."""
+        return False
+
     def learn(
         self, residuals: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
     ) -> None:
@@ -228,6 +233,11 @@ class ResidualGenerator(Protocol):
     @property
     def worn(self) -> BoolArray:
         """(n,) joints that this session shows to be worn since their identification."""
+        ...
+
+    @property
+    def misses_inertial_unit(self) -> bool:
+        """True while the inertial unit, which it uses, gives no values or always the same."""
         ...
 
     def learn(

@@ -642,10 +642,10 @@ class FusionGenerator:
     def _replace_invalid(
         self, target: FloatArray, measured: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return both with the model's position in place of values that are not valid."""
+        """Return both with the model's position in place of values that are not valid; at first with the target."""
         # NaN would stay in the states of models and filters for ever.
         here = self._predictor.position
-        harmless = np.zeros(len(measured)) if here is None else np.nan_to_num(here)
+        harmless = _zero_invalid(target) if here is None else np.nan_to_num(here)
         measured = np.where(np.abs(measured) < MAX_PLAUSIBLE, measured, harmless)
         return np.where(np.abs(target) < MAX_PLAUSIBLE, target, measured), measured
 
@@ -691,6 +691,11 @@ class FusionGenerator:
     def worn(self) -> BoolArray:
         """(n,) joints whose residual in motion has grown as far as its spread may follow it."""
         return self._threshold.change >= WORN_CHANGE
+
+    @property
+    def misses_inertial_unit(self) -> bool:
+        """True if the inertial unit gives no values any more; see :class:`BaseGenerator`."""
+        return self._base is not None and self._base.misses_inertial_unit
 
     def learn(
         self, residuals: Residuals, free: BoolArray, settled: BoolArray, untouched: bool

@@ -207,7 +207,7 @@ class BaseGenerator:
         response = np.array(model.coefficients, dtype=np.float64).reshape(TAPS, -1, len(OUTPUTS))
         # The load enters by its change over the response: accelerations of the limbs move the base, weight does not.
         response[-1, 3:] -= response[:, 3:].sum(axis=0)
-        self._response = response
+        self._response, self._has_unit = response, model.has_inertial_unit
         self._identified = [
             np.maximum(np.array(spread), MIN_SPREADS)
             for spread in (model.still, model.moving, model.driving)
@@ -280,6 +280,11 @@ class BaseGenerator:
         """Learn from the last tick, in which no part of the robot was touched."""
         if self._adapt and self._judged:
             self._learn(self._spreads[self.phase], self.filtered, MIN_SPREADS, self.seen)
+
+    @property
+    def misses_inertial_unit(self) -> bool:
+        """True if an inertial unit that the model knows has given no values, or the same ones, for LEVEL_TIME."""
+        return self._has_unit and bool((self._missing > self._memory).any())
 
     def _predict(self, tick: Tick) -> FloatArray:
         """Take in the commands of a tick; return the (6,) predicted outputs."""

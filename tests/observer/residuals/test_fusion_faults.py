@@ -89,6 +89,36 @@ def test_a_board_keeps_what_it_has_summed_up_while_its_joint_cannot_be_judged() 
     assert max(after) < 0.25 * BOUND
 
 
+@pytest.mark.parametrize("field", ["position", "current"])
+def test_a_first_sample_that_is_not_valid_starts_no_board_with_a_sum_that_it_has_not(
+    field: str,
+) -> None:
+    """At 1.2 rad, a joint that is taken to be at 0 would have a sum of 1.2 rad."""
+    model = fusion_model(replace(STICK_SLIP, integral_rate=0.3))
+    motion = standing(3.0, load=1.0)
+    motion = replace(motion, position=motion.position + 1.2)
+    made = ticks_of(motion, drive(motion, model.twin))
+    getattr(made[0].measurement, field)[ELBOW] = np.nan
+    target = fusion_observer(model)
+    for one in made:
+        seen = target.step(one)
+        assert not seen.contacts
+    error = made[-1].sent.position[ELBOW] - made[-1].measurement.position[ELBOW]
+    assert abs(seen.expected[ELBOW] - error) < 0.5 * BOUND
+    assert seen.state[ELBOW] == JointState.FREE
+
+
+def test_two_values_that_no_robot_has_do_not_hide_each_other() -> None:
+    made = ticks_of(standing(2.0), drive(standing(2.0)))
+    for one in made[100:]:
+        one.sent.position[ELBOW], one.measurement.position[ELBOW] = 1e6, -1e6
+    target = fusion_observer()
+    for one in made:
+        seen = target.step(one)
+        assert not seen.contacts
+    assert seen.state[ELBOW] == JointState.BLIND
+
+
 @pytest.mark.parametrize("adapt", [True, False])
 def test_a_long_push_on_the_base_does_not_make_it_deaf(adapt: bool) -> None:
     """The elbow swings; the base is pushed for ten seconds, and again for one."""

@@ -18,8 +18,15 @@ from pepper_driver.observer.detection.threshold import (
     MOTION_MEMORY,
     threshold_factor,
 )
-from pepper_driver.observer.fitting.mobile_base import UNSEEN_SPREAD, fit_base
-from pepper_driver.observer.models.fusion_model import OUTPUTS, TAPS, BaseModel, BaseModelError, Six
+from pepper_driver.observer.fitting.mobile_base import fit_base
+from pepper_driver.observer.models.fusion_model import (
+    OUTPUTS,
+    TAPS,
+    UNSEEN_SPREAD,
+    BaseModel,
+    BaseModelError,
+    Six,
+)
 from pepper_driver.observer.recording import Recording, RecordingBuilder
 from pepper_driver.observer.residuals.mobile_base import (
     LEVEL_TIME,
