@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Protocol
@@ -48,6 +49,9 @@ MAX_SPREAD = np.radians(3.0)
 
 WEAR_PERIOD = 2500
 """Ticks between two checks for worn joints: half a minute."""
+
+LONG_CONTACT_RATIO = 0.5
+"""Fraction of WEAR_PERIOD in which a limb is in contact, from which on this is worth a warning."""
 
 UNIT_PERIOD = 250
 """Ticks between two checks for values of the inertial unit: three seconds."""
@@ -161,6 +165,10 @@ class ContactObserver(Observer):
         self._ticks = 0
         self._worn: tuple[str, ...] = ()
         self._unit_reported = False
+        # By number, the limbs of contacts that last; by limb, ticks of contact since the last check.
+        self._lasting: dict[int, str] = {}
+        self._contact_ticks: Counter[str] = Counter()
+        self._long_touched: set[str] = set()
         self._doubted = np.zeros(len(self._none_settled), dtype=np.bool_)
         self._last_forces: dict[int, ContactForce] = {}
         self._generator.reset()
@@ -216,6 +224,28 @@ class ContactObserver(Observer):
                 name,
             )
 
+    def _count_contacts(self, contacts: Sequence[Contact]) -> None:
+        """Count the ticks in which each limb is in contact."""
+        for contact in contacts:
+            if contact.phase == "end" or contact.kind == "rebound":
+                self._lasting.pop(contact.id, None)
+            else:
+                self._lasting[contact.id] = contact.limb
+        if self._lasting:
+            self._contact_ticks.update(self._lasting.values())
+
+    def _check_contacts(self) -> None:
+        """Warn once a session about each limb that is in contact most of the time."""
+        ticks, self._contact_ticks = self._contact_ticks, Counter()
+        for limb, count in ticks.items():
+            if count > LONG_CONTACT_RATIO * WEAR_PERIOD and limb not in self._long_touched:
+                self._long_touched.add(limb)
+                LOG.warning(
+                    "%s was in contact for most of half a minute. If nothing touches it, it carries a load that its "
+                    "models do not know, or they are of another robot; meanwhile the observer learns nothing of today",
+                    limb,
+                )
+
     def _check_unit(self) -> None:
         """Warn once a session about an inertial unit that gives no values."""
         if self._generator.misses_inertial_unit and not self._unit_reported:
@@ -262,8 +292,10 @@ class ContactObserver(Observer):
             contacts = self._with_forces(contacts, residuals, state, tick.measurement.position)
         self._generator.learn(residuals, free, settled, self._tracker.idle)
         self._ticks += 1
+        self._count_contacts(contacts)
         if self._ticks % WEAR_PERIOD == 0:
             self._check_wear()
+            self._check_contacts()
         if self._ticks % UNIT_PERIOD == 0:
             self._check_unit()
         return Observation(
