@@ -77,7 +77,7 @@ PART = st.tuples(
 def test_it_is_the_smaller_of_both_and_nothing_where_their_signs_differ(
     parts: list[tuple[int, float, float, float, float]],
 ) -> None:
-    ticks = []
+    ticks: list[Tick] = []
     for count, error, current, velocity, load in parts:
         for _ in range(count):
             one = tick(len(ticks), error, features=(velocity, 0.0, load))

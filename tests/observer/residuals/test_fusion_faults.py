@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.interface import Contact, JointState
@@ -150,8 +151,8 @@ def test_samples_that_come_late_do_not_break_up_a_push_on_the_base() -> None:
 def test_a_push_that_grows_for_long_is_detected_in_the_end() -> None:
     """Neither bias nor spread follow it beyond their limits."""
     motion = swing(30.0, rate=1.5)
-    torque = -0.05 * 1.25 ** (np.arange(len(motion)) * CYCLE)  # 25 % a second
-    made = ticks_of(motion, drive(motion, torque=torque, steps=20))
+    growth: FloatArray = np.power(1.25, np.arange(len(motion)) * CYCLE)  # 25 % a second
+    made = ticks_of(motion, drive(motion, torque=-0.05 * growth, steps=20))
     observer = fusion_observer(adapt=True)
     contacts: list[Contact] = []
     for one in made:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -52,7 +53,7 @@ def touched(index: int, *, base: bool = False, **ratios: float) -> Tick:
     return one
 
 
-def held(signal: FusionGenerator, ticks: int = 2 * BEFORE, **ratios: float) -> Residuals:
+def held(signal: FusionGenerator, ticks: int = 2 * BEFORE, **ratios: Any) -> Residuals:
     """The last of some ticks of a touch that lasts."""
     for k in range(10):
         signal.step(touched(k))
@@ -76,7 +77,7 @@ def test_numbers_of_limbs_are_those_of_the_robot() -> None:
 
 
 def test_two_joints_of_a_limb_find_together_what_neither_finds_alone() -> None:
-    ratios = {"LShoulderRoll": 0.8, "LElbowRoll": 0.7}
+    ratios: dict[str, Any] = {"LShoulderRoll": 0.8, "LElbowRoll": 0.7}
     seen = held(fusion_generator(limbs=LIMBS), **ratios)
     alone = held(fusion_generator(), **ratios)
     assert ratio_of(alone).max() == pytest.approx(0.8, rel=0.03)
@@ -124,7 +125,8 @@ def test_the_largest_ratio_of_a_limb_becomes_the_norm_and_no_threshold_rises(
 def test_a_joint_that_cannot_be_judged_adds_nothing_to_its_limb() -> None:
     signal = fusion_generator(limbs=LIMBS)
     for k in range(60):
-        one = touched(k, **({"LElbowRoll": 0.9, "LShoulderRoll": 0.9} if k > 10 else {}))
+        ratio = 0.9 if k > 10 else 0.0
+        one = touched(k, LElbowRoll=ratio, LShoulderRoll=ratio)
         one.measurement.position[SHOULDER] = math.nan if k > 8 else one.sent.position[SHOULDER]
         seen = signal.step(one)
     assert np.isnan(seen.threshold[SHOULDER])

@@ -342,7 +342,7 @@ def test_spreads_of_today_are_learned_in_their_phase(phase: int) -> None:
         for one in made:
             signal.step(one, False)
             signal.learn()
-        [push] = standing(1, [[0.05, 0.0, 0.0, 0.0, 0.0, 0.0]])
+        [push] = standing(1, np.array([[0.05, 0.0, 0.0, 0.0, 0.0, 0.0]]))
         push.reference.velocity[:], push.sent.wheel_speed[:] = (
             made[0].reference.velocity,
             made[0].sent.wheel_speed,
@@ -365,7 +365,7 @@ def test_a_push_of_a_second_hardly_widens_a_spread() -> None:
     for one in standing(len(push), push):
         signal.step(one, False)
         signal.learn()
-    [probe] = standing(1, [[0.03, 0.0, 0.0, 0.0, 0.0, 0.0]])
+    [probe] = standing(1, np.array([[0.03, 0.0, 0.0, 0.0, 0.0, 0.0]]))
     assert 1.0 < 3.0 / FACTOR / abs(signal.step(probe, False)[0]) <= 1.03
 
 
