@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Protocol
@@ -48,6 +49,12 @@ MAX_SPREAD = np.radians(3.0)
 
 WEAR_PERIOD = 2500
 """Ticks between two checks for worn joints: half a minute."""
+
+LONG_CONTACT_RATIO = 0.5
+"""Fraction of WEAR_PERIOD in which a limb is in contact, from which on this is worth a warning."""
+
+UNIT_PERIOD = 250
+"""Ticks between two checks for values of the inertial unit: three seconds."""
 
 LOG = logging.getLogger(__name__)
 
@@ -157,6 +164,11 @@ class ContactObserver(Observer):
         self._time = 0.0
         self._ticks = 0
         self._worn: tuple[str, ...] = ()
+        self._unit_reported = False
+        # By number, the limbs of contacts that last; by limb, ticks of contact since the last check.
+        self._lasting: dict[int, str] = {}
+        self._contact_ticks: Counter[str] = Counter()
+        self._long_touched: set[str] = set()
         self._doubted = np.zeros(len(self._none_settled), dtype=np.bool_)
         self._last_forces: dict[int, ContactForce] = {}
         self._generator.reset()
@@ -172,10 +184,16 @@ class ContactObserver(Observer):
         """Return one line: mode, models, thresholds."""
         known = np.degrees(self._generator.bounds[~self._generator.no_model])
         what = f"{self._models.kind} {'trees' if self._mode == 'paper' else 'models'}"
+        # There is none if each model is of a joint that detects nothing.
+        bounds = f"threshold {known.min():.2f} to {known.max():.2f} deg" if len(known) else "blind"
+        base, lack = self._models.base, ""
+        if self._mode == "fusion" and base is None:
+            lack = "; base not known"
+        elif self._mode == "fusion" and base is not None and not base.has_inertial_unit:
+            lack = "; base without inertial unit"
         return (
             f"{self._mode}: {what} of {len(self._models.models)} joints, identified on "
-            f"{self._models.identity}; median of {self._window}, "
-            f"threshold {known.min():.2f} to {known.max():.2f} deg"
+            f"{self._models.identity}; median of {self._window}, {bounds}{lack}"
         )
 
     def provenance(self) -> dict[str, str]:
@@ -206,6 +224,37 @@ class ContactObserver(Observer):
                 name,
             )
 
+    def _count_contacts(self, contacts: Sequence[Contact]) -> None:
+        """Count the ticks in which each limb is in contact."""
+        for contact in contacts:
+            if contact.phase == "end" or contact.kind == "rebound":
+                self._lasting.pop(contact.id, None)
+            else:
+                self._lasting[contact.id] = contact.limb
+        if self._lasting:
+            self._contact_ticks.update(self._lasting.values())
+
+    def _check_contacts(self) -> None:
+        """Warn once a session about each limb that is in contact most of the time."""
+        ticks, self._contact_ticks = self._contact_ticks, Counter()
+        for limb, count in ticks.items():
+            if count > LONG_CONTACT_RATIO * WEAR_PERIOD and limb not in self._long_touched:
+                self._long_touched.add(limb)
+                LOG.warning(
+                    "%s was in contact for most of half a minute. If nothing touches it, it carries a load that its "
+                    "models do not know, or they are of another robot; meanwhile the observer learns nothing of today",
+                    limb,
+                )
+
+    def _check_unit(self) -> None:
+        """Warn once a session about an inertial unit that gives no values."""
+        if self._generator.misses_inertial_unit and not self._unit_reported:
+            self._unit_reported = True
+            LOG.warning(
+                "the inertial unit gives no values, or always the same: pushes on trunk and base show in wheels and "
+                "legs alone"
+            )
+
     def _report_doubt(self, doubtful: BoolArray) -> None:
         """Report once a session each joint that is in doubt."""
         for joint in np.flatnonzero(doubtful & ~self._doubted):
@@ -233,8 +282,8 @@ class ContactObserver(Observer):
         """
         if _sizes(tick) != self._sizes:
             raise ArgumentError(f"a tick has arrays of {_sizes(tick)}, not of {self._sizes} values")
-        # Events must stay in order when the clock of the robot jumps back, or is NaN after a lost connection.
-        if tick.measurement.time > self._time:
+        # Events must stay in order when the clock of the robot jumps back, or is not finite after a lost connection.
+        if self._time < tick.measurement.time < math.inf:
             self._time = tick.measurement.time
         residuals = self._generator.step(tick)
         self._history.append(self._time, residuals.raw, residuals.base_raw)
@@ -243,8 +292,12 @@ class ContactObserver(Observer):
             contacts = self._with_forces(contacts, residuals, state, tick.measurement.position)
         self._generator.learn(residuals, free, settled, self._tracker.idle)
         self._ticks += 1
+        self._count_contacts(contacts)
         if self._ticks % WEAR_PERIOD == 0:
             self._check_wear()
+            self._check_contacts()
+        if self._ticks % UNIT_PERIOD == 0:
+            self._check_unit()
         return Observation(
             contacts=tuple(contacts),
             expected=residuals.expected,

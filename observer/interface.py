@@ -157,6 +157,9 @@ class Observer(ABC):
 MIN_OBSERVED_STIFFNESS = 0.99
 """Models are identified at full stiffness: a joint with less has another tracking error."""
 
+MAX_PLAUSIBLE = 1e4
+"""In SI units: larger commands and measurements are not valid."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Residuals:
@@ -201,6 +204,11 @@ class StaticGeneratorMixin:
         """(n,) False: wear is not estimated."""
         return np.zeros(len(self.no_model), dtype=np.bool_)
 
+    @property
+    def misses_inertial_unit(self) -> bool:
+        """False: it is not used."""
+        return False
+
     def learn(
         self, residuals: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
     ) -> None:
@@ -225,6 +233,11 @@ class ResidualGenerator(Protocol):
     @property
     def worn(self) -> BoolArray:
         """(n,) joints that this session shows to be worn since their identification."""
+        ...
+
+    @property
+    def misses_inertial_unit(self) -> bool:
+        """True while the inertial unit, which it uses, gives no values or always the same."""
         ...
 
     def learn(

@@ -227,3 +227,19 @@ def uri_with_measured_delay(uri: str, measured: MeasuredRobot | None) -> str:
     if measured is None or not takes_delay(uri) or "delay" in parse_uri(uri).query:
         return uri
     return with_delay(uri, measured.response_delay)
+
+
+def warn_of_assumed_delay(uri: str, models: Path, measured: MeasuredRobot | None) -> None:
+    """Warn where the response delay of a robot is only that of the settings: neither URI nor models have it.
+
+    Args:
+        uri: Of the backend.
+        models: Their file.
+        measured: Facts about the robot that the file has.
+    """
+    if measured is None and takes_delay(uri) and "delay" not in parse_uri(uri).query:
+        logger.warning(
+            "%s: without the response delay of the robot; that of naoqi_settings.yaml is assumed, and a wrong one "
+            "causes false contacts. 'pepper doctor' measures it, '?delay=' in the address sets it",
+            models,
+        )

@@ -60,6 +60,7 @@ from pepper_driver.observers import (
     make_observer,
     measured_robot,
     uri_with_measured_delay,
+    warn_of_assumed_delay,
 )
 from pepper_driver.realtime import Pacer, RealTimePacer, Statistics
 from pepper_driver.reflexes import Arbiter, Reflex, prepare_reflexes
@@ -161,6 +162,8 @@ class Pepper(CallbackRegistry):
             raise ConfigError("models are for an observer that is given by its name")
         measured = measured_robot(self._models)
         self.backend: Backend = make_backend(uri_with_measured_delay(uri, measured), self.config)
+        if self._models is not None:
+            warn_of_assumed_delay(uri, self._models, measured)
         self.services = UserServices(self.backend, self._is_active)
         self.paced = real_time or self.backend.real_time
         if loop not in (None, "thread", "caller") or (loop == "thread" and not self.paced):

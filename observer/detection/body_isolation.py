@@ -174,6 +174,10 @@ class BodyTracker:
             Events in their order.
         """
         self._residuals = residuals
+        if self._idle:
+            # An idle tracker need not be stepped: what it saw before is of another time.
+            for limb in self._limbs.values():
+                limb.ratios.clear()
         base, swinging = residuals.base_residual, self._trunk.monitors[0].excursion
         if swinging is not None and swinging.kind != "rebound":
             # A pushed base swings: what follows is no push the other way.

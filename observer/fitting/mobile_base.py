@@ -11,7 +11,13 @@ import numpy as np
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray, IntArray
 from pepper_driver.observer.detection.threshold import MIN_SAMPLES, SPREAD_QUANTILE
-from pepper_driver.observer.models.fusion_model import OUTPUTS, TAPS, BaseModel, Six
+from pepper_driver.observer.models.fusion_model import (
+    OUTPUTS,
+    TAPS,
+    UNSEEN_SPREAD,
+    BaseModel,
+    Six,
+)
 from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.residuals.mobile_base import (
     LEVEL_TIME,
@@ -22,9 +28,6 @@ from pepper_driver.observer.residuals.mobile_base import (
 
 RIDGE_RATIO = 1e-3
 """Relative to the mean square of the inputs."""
-
-UNSEEN_SPREAD = 1e6
-"""Of an output that no recording shows: it is never judged."""
 
 
 def fit_base(robot: RobotConfig, recordings: Sequence[Recording], *, window: int) -> BaseModel:

@@ -22,6 +22,10 @@ TAPS = 25
 """Ticks of the impulse response: 0.3 s, after which the wheels have settled."""
 
 
+UNSEEN_SPREAD = 1e6
+"""Spread of an output that no recording of the identification shows: it is never judged."""
+
+
 class BaseModelError(PepperError, ValueError):
     """Invalid values of a base model."""
 
@@ -53,6 +57,11 @@ class BaseModel:
             raise BaseModelError("a value is not finite")
         if min(values) <= 0.0:
             raise BaseModelError("a spread must be above 0")
+
+    @property
+    def has_inertial_unit(self) -> bool:
+        """True if the identification has seen an inertial unit that works."""
+        return min(self.still[3:]) < UNSEEN_SPREAD
 
 
 MotorTorque = Literal["current", "voltage"]

@@ -172,19 +172,6 @@ def step_stick_slip(
 
 
 @kernel
-def beyond_friction(
-    constants: Records[StickSlipParameters], j: int, error: float, load: float
-) -> float:
-    """Return the part of the error of a joint at rest that its friction cannot hold under a load, all [rad].
-
-    The integral of the motor board is taken as zero.
-    """
-    p = constants[j]
-    friction = p.friction + p.load_friction * abs(load)
-    return beyond(beyond(error, p.dead_band) - load, p.breakaway * friction)
-
-
-@kernel
 def _step(
     constants: Records[StickSlipParameters],
     states: Out[Records[StickSlipState]],
@@ -240,7 +227,7 @@ class StickSlipModel:
         cycle: Period of the ticks [s].
 
     Attributes:
-        constants: The same; they may be changed between two steps.
+        constants: The same.
         states: States after the last step.
     """
 

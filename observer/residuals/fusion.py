@@ -12,7 +12,7 @@ from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray, contigu
 from pepper_driver.config.kernels import Out, Records, kernel, make_records
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.detection.threshold import QUIET_RATIO, REST_SPEED, SpreadThreshold
-from pepper_driver.observer.interface import MIN_OBSERVED_STIFFNESS, Residuals
+from pepper_driver.observer.interface import MAX_PLAUSIBLE, MIN_OBSERVED_STIFFNESS, Residuals
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.stick_slip import stick_slip_constants
 from pepper_driver.observer.residuals.mobile_base import BaseGenerator
@@ -239,9 +239,6 @@ class TorqueEstimate:
         return torque, torque_std
 
 
-MAX_PLAUSIBLE = 1e4
-"""[rad], [rad/s], [rad/s2], [N m] or [A]: larger commands and measurements are not valid."""
-
 SETTLING_TICKS = 40
 """Ticks after a contact in which its joint must come to rest for its model to start again there."""
 
@@ -276,9 +273,9 @@ def _check_inputs(
     count = 0
     for j in range(len(good)):
         # One sum finds NaN and infinity in any of its terms; NaN compares as False.
-        inputs = target[j] + load_torque[j] + velocity[j] + acceleration[j]
-        inputs = inputs + measured[j] + current[j]
-        good[j] = abs(inputs) < MAX_PLAUSIBLE and stiffness[j] >= MIN_OBSERVED_STIFFNESS
+        inputs = abs(target[j]) + abs(load_torque[j]) + abs(velocity[j]) + abs(acceleration[j])
+        inputs = inputs + abs(measured[j]) + abs(current[j])
+        good[j] = inputs < MAX_PLAUSIBLE and stiffness[j] >= MIN_OBSERVED_STIFFNESS
         count += good[j]
     return count
 
@@ -573,7 +570,7 @@ class FusionGenerator:
         alone = threshold.copy()
         base = (np.nan, np.nan)
         if self._base is not None:
-            base = self._base.step(tick, lost or late_ticks > 0)
+            base = self._base.step(tick, late_ticks > 0, lost)
             threshold *= self._confirmation(base[1])
         self._join_limbs(self._limbs, self._limb_count, filtered, threshold)
         torque, torque_std = self._torque.step(
@@ -645,10 +642,10 @@ class FusionGenerator:
     def _replace_invalid(
         self, target: FloatArray, measured: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return both with the model's position in place of values that are not valid."""
+        """Return both with the model's position in place of values that are not valid; at first with the target."""
         # NaN would stay in the states of models and filters for ever.
         here = self._predictor.position
-        harmless = np.zeros(len(measured)) if here is None else np.nan_to_num(here)
+        harmless = _zero_invalid(target) if here is None else np.nan_to_num(here)
         measured = np.where(np.abs(measured) < MAX_PLAUSIBLE, measured, harmless)
         return np.where(np.abs(target) < MAX_PLAUSIBLE, target, measured), measured
 
@@ -694,6 +691,11 @@ class FusionGenerator:
     def worn(self) -> BoolArray:
         """(n,) joints whose residual in motion has grown as far as its spread may follow it."""
         return self._threshold.change >= WORN_CHANGE
+
+    @property
+    def misses_inertial_unit(self) -> bool:
+        """True if the inertial unit gives no values any more; see :class:`BaseGenerator`."""
+        return self._base is not None and self._base.misses_inertial_unit
 
     def learn(
         self, residuals: Residuals, free: BoolArray, settled: BoolArray, untouched: bool

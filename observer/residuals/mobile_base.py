@@ -21,6 +21,7 @@ from pepper_driver.observer.detection.threshold import (
     learn_spread,
     threshold_factor,
 )
+from pepper_driver.observer.interface import MAX_PLAUSIBLE
 from pepper_driver.observer.models.fusion_model import OUTPUTS, TAPS, BaseModel
 from pepper_driver.observer.running_filters import RunningMedian
 
@@ -75,12 +76,12 @@ def _respond(
         now[axis] = 0.0
         for wheel in range(3):
             now[axis] += inverse[axis, wheel] * sent_speed[wheel]
-        total += now[axis]
+        total += abs(now[axis])
     for i in range(len(legs)):
         now[3 + i] = load_torque[legs[i]]
-        total += now[3 + i]
-    if not math.isfinite(total):
-        # An input that is not finite would spoil the response for TAPS ticks.
+        total += abs(now[3 + i])
+    if not total < MAX_PLAUSIBLE:  # also for NaN
+        # An input that is not valid would spoil the response for TAPS ticks.
         now[:] = inputs[(newest + 1) % TAPS]
     if count == 0:
         inputs[:, 3:] = now[3:]
@@ -99,7 +100,7 @@ def _compare(
     wheel_speed: FloatArray,
     inverse: Matrix[FloatArray],
     inertial: FloatArray,
-    pace: float,
+    memory: int,
     repeats: int,
     before: Out[FloatArray],
     missing: Out[IntArray],
@@ -113,7 +114,7 @@ def _compare(
         wheel_speed: (3,) measured [rad/s].
         inverse: (3, 3) from wheel speeds to the base twist.
         inertial: (3,) yaw rate [rad/s] and horizontal acceleration [m/s2] as measured.
-        pace: Fraction of a change of its level that one sample adds.
+        memory: Ticks without a value after which its level is unknown.
         repeats: Result for the previous sample.
         before: (3,) ``inertial`` of the previous sample; is set to this one.
         missing: (3,) ticks for which a value of the inertial unit has been missing.
@@ -131,17 +132,16 @@ def _compare(
         for wheel in range(3):
             error[axis] -= inverse[axis, wheel] * wheel_speed[wheel]
         beyond = inertial[axis] - predicted[3 + axis]
-        if repeats >= FROZEN_TICKS or not math.isfinite(beyond):
+        if repeats >= FROZEN_TICKS or not abs(beyond) < MAX_PLAUSIBLE:
             error[3 + axis] = 0.0
             missing[axis] += 1
-            if missing[axis] * pace > 1.0:
+            if missing[axis] > memory:
                 level[axis] = math.nan
             continue
         missing[axis] = 0
         if math.isnan(level[axis]):
             level[axis] = beyond
         error[3 + axis] = level[axis] - beyond
-        level[axis] += pace * (beyond - level[axis])
     return repeats
 
 
@@ -207,7 +207,7 @@ class BaseGenerator:
         response = np.array(model.coefficients, dtype=np.float64).reshape(TAPS, -1, len(OUTPUTS))
         # The load enters by its change over the response: accelerations of the limbs move the base, weight does not.
         response[-1, 3:] -= response[:, 3:].sum(axis=0)
-        self._response = response
+        self._response, self._has_unit = response, model.has_inertial_unit
         self._identified = [
             np.maximum(np.array(spread), MIN_SPREADS)
             for spread in (model.still, model.moving, model.driving)
@@ -217,7 +217,7 @@ class BaseGenerator:
         self._inverse = np.array(robot.wheels.inverse, dtype=np.float64, order="C")
         self._window, self._standing_delay = window, TAPS + round(POST_DRIVE_TIME / robot.cycle)
         self._still_delay = round(MOTION_MEMORY / robot.cycle)
-        self._pace = robot.cycle / LEVEL_TIME
+        self._pace, self._memory = robot.cycle / LEVEL_TIME, round(LEVEL_TIME / robot.cycle)
         self._respond, self._compare = _respond.load(), _compare.load()
         self._judge, self._learn = _judge_base.load(), _learn_base.load()
         self.reset()
@@ -235,44 +235,60 @@ class BaseGenerator:
         self.phase = 0
         self._count = 0
         self._standing_ticks, self._still_ticks = self._standing_delay, self._still_delay
-        self._blind = 0
+        self._blind, self._judged = 0, False
+        self._last = (np.nan, np.nan)
         self._axis = 0
         self.filtered = np.zeros(len(OUTPUTS))
         self.seen = np.ones(len(OUTPUTS), dtype=np.bool_)
 
-    def step(self, tick: Tick, late: bool) -> tuple[float, float]:
+    def step(self, tick: Tick, late: bool = False, lost: bool = False) -> tuple[float, float]:
         """Take in one tick; return the residual before and after the filter, NaN while it cannot be judged.
 
         Args:
             tick: The tick.
-            late: True if its sample is late: the response is computed for the present time only.
+            late: True if its sample is late. The response is computed for the present time only: the sample is not
+                used, and the residual stays as it was.
+            lost: True if the sample is too late for that as well.
         """
-        error = self._error(tick)
-        seen = bool(np.isfinite(error).all())
-        if late or self._count < TAPS or not seen:
+        predicted = self._predict(tick)
+        self._judged = False
+        if lost or self._count < TAPS:
             self._blind = self._window
-        if not seen:
+        if late or lost:
+            return (np.nan, np.nan) if self._blind else self._last
+        error = self._error(tick, predicted)
+        if not (np.abs(error) < MAX_PLAUSIBLE).all():
+            self._blind = self._window
             # The median must take in a number: a NaN would spoil the whole window.
             error = np.zeros(len(OUTPUTS))
         self.filtered = self._median.push(error)
+        # After the filter: a single sample that is wrong would move the level for seconds.
+        self._level -= self._pace * self.filtered[3:]
         driving = self._standing_ticks < self._standing_delay
         self.phase = 2 if driving else int(self._still_ticks < self._still_delay)
         if self._blind:
             self._blind -= 1
             return np.nan, np.nan
+        self._judged = True
         spreads = self._spreads[self.phase]
         self._axis, filtered = self._judge(self.filtered, spreads, self._factor, self._axis)
         _, raw = self._judge(error, spreads, self._factor, self._axis)
-        return raw, filtered
+        self._last = raw, filtered
+        return self._last
 
     def learn(self) -> None:
         """Learn from the last tick, in which no part of the robot was touched."""
-        if self._adapt and not self._blind:
+        if self._adapt and self._judged:
             self._learn(self._spreads[self.phase], self.filtered, MIN_SPREADS, self.seen)
 
-    def _error(self, tick: Tick) -> FloatArray:
-        """Take in a tick; return the (6,) predicted minus the measured outputs."""
-        measurement, error = tick.measurement, np.empty(len(OUTPUTS))
+    @property
+    def misses_inertial_unit(self) -> bool:
+        """True if an inertial unit that the model knows has given no values, or the same ones, for LEVEL_TIME."""
+        return self._has_unit and bool((self._missing > self._memory).any())
+
+    def _predict(self, tick: Tick) -> FloatArray:
+        """Take in the commands of a tick; return the (6,) predicted outputs."""
+        predicted = np.empty(len(OUTPUTS))
         fastest = self._respond(
             self._inputs,
             self._count,
@@ -281,9 +297,17 @@ class BaseGenerator:
             self._legs,
             self._inverse,
             self._response,
-            error,
+            predicted,
         )
-        predicted = error.copy()
+        self._count += 1
+        self._standing_ticks = self._standing_ticks + 1 if fastest < STANDSTILL_SPEED else 0
+        slow = np.abs(tick.reference.velocity).max() < SLOW_SPEED
+        self._still_ticks = self._still_ticks + 1 if slow else 0
+        return predicted
+
+    def _error(self, tick: Tick, predicted: FloatArray) -> FloatArray:
+        """Take in the measurement of a tick; return the (6,) predicted minus the measured outputs."""
+        measurement, error = tick.measurement, np.empty(len(OUTPUTS))
         inertial = np.empty(3)
         inertial[0] = measurement.imu.angular_velocity[2]
         inertial[1:] = measurement.imu.acceleration[:2]
@@ -292,7 +316,7 @@ class BaseGenerator:
             contiguous(measurement.wheel_speed),
             self._inverse,
             inertial,
-            self._pace,
+            self._memory,
             self._repeats,
             self._before,
             self._missing,
@@ -300,10 +324,6 @@ class BaseGenerator:
             error,
         )
         self.seen[3:] = self._missing == 0
-        self._count += 1
-        self._standing_ticks = self._standing_ticks + 1 if fastest < STANDSTILL_SPEED else 0
-        slow = np.abs(tick.reference.velocity).max() < SLOW_SPEED
-        self._still_ticks = self._still_ticks + 1 if slow else 0
         return error
 
 

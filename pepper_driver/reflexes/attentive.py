@@ -101,8 +101,9 @@ class AttentiveWatch:
         self, temperature: FloatArray, stiffness: FloatArray, notes: list[AttentiveNote]
     ) -> None:
         limit, used = self._dither.settings.max_temperature, self._dither.amplitude > 0.0
-        # False for a temperature that is unknown: the safety gate warns of it.
-        hot = used & (temperature >= np.where(self._hot, limit - COOLED, limit))
+        warm = temperature >= np.where(self._hot, limit - COOLED, limit)
+        # A temperature that is unknown changes nothing: the safety gate warns of it.
+        hot = used & np.where(np.isnan(temperature), self._hot, warm)
         soft = used & (stiffness < MIN_OBSERVED_STIFFNESS)
         for joint in np.flatnonzero(hot & ~self._hot).tolist():
             self._say(

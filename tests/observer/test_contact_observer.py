@@ -261,7 +261,7 @@ def test_a_contact_ends_when_its_joint_goes_blind() -> None:
     assert observations[45].state[ELBOW] == JointState.BLIND
 
 
-@pytest.mark.parametrize("time", [math.nan, -5.0, 0.1])
+@pytest.mark.parametrize("time", [math.nan, -5.0, 0.1, math.inf])
 def test_a_clock_that_fails_turns_no_event_around(time: float) -> None:
     ticks = [
         tick(k, error_of(ELBOW, 0.1 if 50 <= k < 90 else 0.0), time=time if 90 <= k < 115 else None)

@@ -287,7 +287,7 @@ def ticks_of(
         motion: What the joint shall do.
         driven: What it did.
         joint: Its index.
-        changed: Ticks whose command the gate has altered.
+        limited: Ticks whose command the gate has altered.
         stiffness: (n,) of the joint.
         late: By tick, by how many ticks the sample is late.
     """

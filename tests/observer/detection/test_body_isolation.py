@@ -215,6 +215,17 @@ def test_what_only_the_wheels_detect_is_on_the_base() -> None:
     assert Player().play(5, base=math.nan) == []
 
 
+def test_residuals_of_long_ago_are_no_place_of_a_contact() -> None:
+    """The observer does not step the tracker while it is idle and nothing is detected."""
+    player = Player()
+    player.play(10, HipPitch=2.0)
+    player.play(QUIET, HipPitch=0.9)
+    assert player.tracker.idle
+    player.k += 5000
+    [begin] = player.play(HELD + 1, base=1.2)
+    assert begin.link == BASE_LINK
+
+
 @pytest.mark.parametrize("ticks", range(1, HELD + 1))
 @pytest.mark.parametrize("first", [{"base": 1.5}, {"HipRoll": 2.0}])
 def test_what_an_arm_detects_soon_after_the_trunk_is_first_reported_on_the_arm(

@@ -18,8 +18,6 @@ from pepper_driver.observer.models.stick_slip import (
     StickSlipError,
     StickSlipModel,
     StickSlipParameters,
-    beyond_friction,
-    stick_slip_constants,
 )
 from support.examples import examples
 from support.fusion import STICK_SLIP, Motion, drive, swing
@@ -184,25 +182,6 @@ def test_sticks_exactly_up_to_breakaway(ratio: float, load: float, load_friction
     )
     assert sign * (at[0] - start) > 0
     assert (sign * np.diff(at) >= 0).all()
-
-
-@given(
-    st.floats(-0.05, 0.05),
-    st.floats(-6.0, 6.0),
-    st.sampled_from([{}, {"dead_band": 0.004}, {"load_friction": 0.2, "offset": 0.002}]),
-)
-def test_what_friction_cannot_hold_is_what_would_move_a_model(
-    error: float, load: float, changes: dict[str, float]
-) -> None:
-    parameters = replace(STICK_SLIP, **changes)
-    constants = stick_slip_constants([parameters])
-    load_angle = parameters.load_gain * load + parameters.offset
-    beyond = beyond_friction(constants, 0, error, load_angle)
-    [at] = play(parameters, np.array([error, error]), load, start=0.0)[-1:]
-    assert (beyond == 0.0) == (at == 0.0)
-    assert beyond * at >= 0.0
-    if beyond and not parameters.dead_band:  # less error by so much, and friction can just hold it
-        assert abs(beyond_friction(constants, 0, error - beyond, load_angle)) < 1e-12
 
 
 def test_friction_is_what_holds_it_and_opposes_motion() -> None:

@@ -315,3 +315,10 @@ def test_a_joint_whose_threshold_no_touch_reaches_is_always_doubtful(
         assert np.isnan(observation.residual[wrist]) == numb
         assert (np.delete(observation.state, wrist) == JointState.FREE).all()
     assert (events == []) == numb
+
+
+def test_models_of_which_no_joint_shows_a_touch_leave_the_robot_blind() -> None:
+    loose = fusion_model(spread=(math.radians(5.0), math.radians(5.0)))
+    target = ContactObserver(ROBOT, fusion_set({"LWristYaw": loose}), SETTINGS)
+    assert "blind" in target.describe()
+    assert target.step(tick(0)).contacts == ()

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.interface import Contact, JointState
@@ -89,6 +90,36 @@ def test_a_board_keeps_what_it_has_summed_up_while_its_joint_cannot_be_judged() 
     assert max(after) < 0.25 * BOUND
 
 
+@pytest.mark.parametrize("field", ["position", "current"])
+def test_a_first_sample_that_is_not_valid_starts_no_board_with_a_sum_that_it_has_not(
+    field: str,
+) -> None:
+    """At 1.2 rad, a joint that is taken to be at 0 would have a sum of 1.2 rad."""
+    model = fusion_model(replace(STICK_SLIP, integral_rate=0.3))
+    motion = standing(3.0, load=1.0)
+    motion = replace(motion, position=motion.position + 1.2)
+    made = ticks_of(motion, drive(motion, model.twin))
+    getattr(made[0].measurement, field)[ELBOW] = np.nan
+    target = fusion_observer(model)
+    for one in made:
+        seen = target.step(one)
+        assert not seen.contacts
+    error = made[-1].sent.position[ELBOW] - made[-1].measurement.position[ELBOW]
+    assert abs(seen.expected[ELBOW] - error) < 0.5 * BOUND
+    assert seen.state[ELBOW] == JointState.FREE
+
+
+def test_two_values_that_no_robot_has_do_not_hide_each_other() -> None:
+    made = ticks_of(standing(2.0), drive(standing(2.0)))
+    for one in made[100:]:
+        one.sent.position[ELBOW], one.measurement.position[ELBOW] = 1e6, -1e6
+    target = fusion_observer()
+    for one in made:
+        seen = target.step(one)
+        assert not seen.contacts
+    assert seen.state[ELBOW] == JointState.BLIND
+
+
 @pytest.mark.parametrize("adapt", [True, False])
 def test_a_long_push_on_the_base_does_not_make_it_deaf(adapt: bool) -> None:
     """The elbow swings; the base is pushed for ten seconds, and again for one."""
@@ -103,11 +134,25 @@ def test_a_long_push_on_the_base_does_not_make_it_deaf(adapt: bool) -> None:
     assert {c.link for c in contacts} == {"base_link"}
 
 
+def test_samples_that_come_late_do_not_break_up_a_push_on_the_base() -> None:
+    """Recorded robots have 8 % of them."""
+    motion = swing(6.0, rate=1.5)
+    late = np.random.default_rng(1).random(len(motion)) < 0.08
+    made = ticks_of(motion, drive(motion, steps=20), late=late.astype(int).tolist())
+    for k, one in enumerate(made):
+        if 2.0 <= k * CYCLE < 4.0:
+            one.measurement.wheel_speed[:] = MATRIX @ np.array([6.0 * SPREAD, 0.0, 0.0])
+    assert late[round(2.0 / CYCLE) : round(4.0 / CYCLE)].sum() > 5
+    contacts = detect(fusion_observer(base=STILL_BASE), made)
+    reported = [(c.phase, round(c.time, 1)) for c in contacts if c.phase != "update"]
+    assert reported == [("begin", 2.1), ("end", 4.0)]
+
+
 def test_a_push_that_grows_for_long_is_detected_in_the_end() -> None:
     """Neither bias nor spread follow it beyond their limits."""
     motion = swing(30.0, rate=1.5)
-    torque = -0.05 * np.exp(np.log(1.25) * CYCLE * np.arange(len(motion)))  # 25 % a second
-    made = ticks_of(motion, drive(motion, torque=torque, steps=20))
+    growth: FloatArray = np.power(1.25, np.arange(len(motion)) * CYCLE)  # 25 % a second
+    made = ticks_of(motion, drive(motion, torque=-0.05 * growth, steps=20))
     observer = fusion_observer(adapt=True)
     contacts: list[Contact] = []
     for one in made:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ BASE = BaseModel(
 BEFORE = TAPS + 2 * WINDOW  # ticks after which joints and base are judged
 
 
-def touched(index: int, ratios: Mapping[str, float] = {}, *, base: bool = False) -> Tick:
+def touched(index: int, *, base: bool = False, **ratios: float) -> Tick:
     """A tick in which hands push joints off their commands, and their motors against that."""
     error = np.zeros(JOINTS)
     for name, ratio in ratios.items():
@@ -53,14 +53,12 @@ def touched(index: int, ratios: Mapping[str, float] = {}, *, base: bool = False)
     return one
 
 
-def held(
-    signal: FusionGenerator, ratios: Mapping[str, float], ticks: int = 2 * BEFORE
-) -> Residuals:
+def held(signal: FusionGenerator, ticks: int = 2 * BEFORE, **ratios: Any) -> Residuals:
     """The last of some ticks of a touch that lasts."""
     for k in range(10):
         signal.step(touched(k))
     for k in range(10, 10 + ticks):
-        seen = signal.step(touched(k, ratios))
+        seen = signal.step(touched(k, **ratios))
     return seen
 
 
@@ -79,9 +77,9 @@ def test_numbers_of_limbs_are_those_of_the_robot() -> None:
 
 
 def test_two_joints_of_a_limb_find_together_what_neither_finds_alone() -> None:
-    ratios = {"LShoulderRoll": 0.8, "LElbowRoll": 0.7}
-    seen = held(fusion_generator(limbs=LIMBS), ratios)
-    alone = held(fusion_generator(), ratios)
+    ratios: dict[str, Any] = {"LShoulderRoll": 0.8, "LElbowRoll": 0.7}
+    seen = held(fusion_generator(limbs=LIMBS), **ratios)
+    alone = held(fusion_generator(), **ratios)
     assert ratio_of(alone).max() == pytest.approx(0.8, rel=0.03)
     own = ratio_of(alone)[[SHOULDER, ELBOW]]
     norm = math.hypot(*own)
@@ -95,15 +93,14 @@ def test_two_joints_of_a_limb_find_together_what_neither_finds_alone() -> None:
 
 
 def test_joints_of_different_limbs_find_nothing_together() -> None:
-    seen = held(fusion_generator(limbs=LIMBS), {"LElbowRoll": 0.9, "RElbowRoll": 0.9})
+    seen = held(fusion_generator(limbs=LIMBS), LElbowRoll=0.9, RElbowRoll=0.9)
     np.testing.assert_allclose(seen.threshold, BOUND)
     assert ratio_of(seen).max() < 1.0
 
 
 def test_without_the_part_each_joint_is_judged_alone() -> None:
     signal = fusion_generator(limbs=LIMBS, parts=FusionParts(limbs=False))
-    seen = held(signal, {"LShoulderRoll": 0.8, "LElbowRoll": 0.7})
-    np.testing.assert_allclose(seen.threshold, BOUND)
+    np.testing.assert_allclose(held(signal, LShoulderRoll=0.8, LElbowRoll=0.7).threshold, BOUND)
 
 
 @examples(40)
@@ -113,8 +110,8 @@ def test_the_largest_ratio_of_a_limb_becomes_the_norm_and_no_threshold_rises(
 ) -> None:
     seen = held(
         fusion_generator(limbs=LIMBS),
-        dict(zip(ROBOT.joint_names, ratios, strict=True)),
         WINDOW + 8,
+        **dict(zip(ROBOT.joint_names, ratios, strict=True)),
     )
     assert (seen.threshold <= BOUND * (1.0 + 1e-12)).all()
     for number in set(LIMBS.tolist()):
@@ -128,7 +125,8 @@ def test_the_largest_ratio_of_a_limb_becomes_the_norm_and_no_threshold_rises(
 def test_a_joint_that_cannot_be_judged_adds_nothing_to_its_limb() -> None:
     signal = fusion_generator(limbs=LIMBS)
     for k in range(60):
-        one = touched(k, {"LElbowRoll": 0.9, "LShoulderRoll": 0.9} if k > 10 else {})
+        ratio = 0.9 if k > 10 else 0.0
+        one = touched(k, LElbowRoll=ratio, LShoulderRoll=ratio)
         one.measurement.position[SHOULDER] = math.nan if k > 8 else one.sent.position[SHOULDER]
         seen = signal.step(one)
     assert np.isnan(seen.threshold[SHOULDER])
@@ -178,7 +176,7 @@ def begins(ratio: float, push: bool, *, confirmation: bool = True) -> list[Conta
     events: list[Contact] = []
     for k in range(BEFORE + 100):
         now = BEFORE <= k < BEFORE + 60
-        one = touched(k, {"LElbowRoll": ratio} if now else {}, base=push and now)
+        one = touched(k, base=push and now, **({"LElbowRoll": ratio} if now else {}))
         events += observer.step(one).contacts
     return [event for event in events if event.phase == "begin"]
 

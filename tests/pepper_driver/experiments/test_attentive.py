@@ -174,6 +174,19 @@ def test_friction_of_models_is_that_of_a_swing_from_motion_to_rest(tmp_path: Pat
     assert friction_errors(None) == {}
 
 
+def test_a_base_that_drives_leaves_the_oscillation_as_it_is() -> None:
+    rows = []
+    for speed in (0.0, 0.15):
+        with make_pepper() as pepper:
+            pepper.attentive = True
+            pepper.run(3.0)
+            pepper.drive(speed, 0.0, 2.0 * speed, hold=True)
+            rows.append(trace(pepper, 3.0))
+            assert (np.linalg.norm(pepper.controller.base_pose[:2]) > 0.2) == (speed > 0.0)
+    # Limits that arms and base share, and balance, change it by little at most.
+    np.testing.assert_allclose(rows[1][:, SWINGING + HEAD], rows[0][:, SWINGING + HEAD], atol=1e-3)
+
+
 # -- motions --------------------------------------------------------------------------------------------------------
 
 

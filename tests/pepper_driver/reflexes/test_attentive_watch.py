@@ -110,6 +110,18 @@ def test_a_joint_is_not_hot_for_lack_of_a_thermometer(degrees: float) -> None:
     assert bench.dither.full[ROLL]
 
 
+def test_a_hot_joint_whose_thermometer_fails_stays_hot() -> None:
+    bench = Bench()
+    bench.temperature = heated(ROLL, LIMIT)
+    assert len(bench.run(CHECK)) == 1
+    bench.temperature = heated(ROLL, np.nan)
+    assert bench.run(2 * CHECK) == []
+    assert bench.watch.withheld == ("LShoulderRoll",)
+    bench.temperature = heated(ROLL, LIMIT - COOLED - 0.1)
+    [again] = bench.run(CHECK)
+    assert again.text == "it oscillates again"
+
+
 def test_a_hot_joint_that_does_not_oscillate_is_not_its_concern() -> None:
     bench = Bench()
     bench.temperature = heated(WRIST, 90.0)
