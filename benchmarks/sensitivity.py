@@ -69,7 +69,6 @@ CONSTANTS: dict[str, tuple[str, ...]] = {
         "LIMITED_RATIO",
     ),
     "residuals.prediction": (
-        "MIN_MOVING_SPEED",
         "INTEGRAL_CORRECTION_TIME",
         "REST_CORRECTION_TIME",
     ),

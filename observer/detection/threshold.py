@@ -42,8 +42,8 @@ RISE_TICKS = 12
 MAX_CHANGE = 3.0
 """Factor by which the spread of today is at most larger than as identified, and at most smaller."""
 
-REST_SPEED = 0.05
-"""[rad/s] Desired speed below which friction can hold a joint."""
+REST_SPEED = 0.02
+"""[rad/s] Speed up to which a joint counts as at rest: friction may hold it."""
 
 MOTION_MEMORY = 0.5
 """[s] For which a joint still counts as moving: its model settles."""
@@ -137,7 +137,7 @@ class SpreadThreshold:
 
     Attributes:
         factor: Of a threshold over the spread.
-        moving: (n,) joints that are to move, or were just before.
+        moving: (n,) joints that slide without touch, or did just before.
     """
 
     def __init__(
@@ -177,15 +177,15 @@ class SpreadThreshold:
         change: FloatArray = self._in_motion["today"] / self._in_motion["identified"]
         return change
 
-    def step(self, velocity: FloatArray, limited: BoolArray) -> FloatArray:
+    def step(self, speed: FloatArray, limited: BoolArray) -> FloatArray:
         """Take in one tick; return (n,) thresholds [rad].
 
         Args:
-            velocity: (n,) desired [rad/s].
+            speed: (n,) without touch [rad/s]: of the stick-slip models, which friction holds as it does the joints.
             limited: (n,) where the safety gate altered the command.
         """
-        threshold = np.empty(len(velocity))
-        self.moving = self._speeds.push(np.abs(velocity)) > REST_SPEED
+        threshold = np.empty(len(speed))
+        self.moving = self._speeds.push(np.abs(speed)) > REST_SPEED
         self._step(
             self._at_rest,
             self._in_motion,

@@ -11,6 +11,7 @@ import numpy as np
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.observer.detection.threshold import REST_SPEED
 from pepper_driver.observer.fitting.bounds import fit_spreads
 from pepper_driver.observer.fitting.mobile_base import fit_base
 from pepper_driver.observer.fitting.samples import fit_samples
@@ -24,7 +25,6 @@ from pepper_driver.observer.models.stick_slip import (
 )
 from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.residuals.momentum import ErrorDerivatives
-from pepper_driver.observer.residuals.prediction import MIN_MOVING_SPEED
 
 if TYPE_CHECKING:
     from pepper_driver.config.workers import Workers
@@ -67,7 +67,7 @@ def _simulate(
         features=features,
         model_error=states["position"] - position,
         drive=states["target"] - position + states["integral"],
-        moves=np.abs(states["velocity"]) > MIN_MOVING_SPEED,
+        moves=np.abs(states["velocity"]) > REST_SPEED,
         friction=states["friction"],
         load=parameters.load_gain * features[:, 2],
         velocity=features[:, 0] - change,

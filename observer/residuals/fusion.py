@@ -26,7 +26,6 @@ from pepper_driver.observer.residuals.momentum import (
 )
 from pepper_driver.observer.residuals.prediction import (
     MAX_LATE_TICKS,
-    MIN_MOVING_SPEED,
     ErrorPredictor,
     PredictedJoint,
     Prediction,
@@ -215,7 +214,7 @@ class TorqueEstimate:
             friction: (n,) friction of the joints without touch, over K [rad].
             threshold: (n,) of a contact [rad].
             position: (n,) measured [rad].
-            moving: (n,) joints that are to move, or were just before.
+            moving: (n,) joints that slide without touch, or did just before.
             load_torque: (n,) desired [N m].
             current: (n,) measured, without its sign [A].
 
@@ -378,7 +377,7 @@ def _judge(
     for j in range(len(residual)):
         seen[j] = free[j] and not (blind[j] or limited[j])
         quiet = seen[j] and abs(residual[j]) < QUIET_RATIO * threshold[j]
-        resting[j] = quiet and abs(speed[j]) <= MIN_MOVING_SPEED
+        resting[j] = quiet and abs(speed[j]) <= REST_SPEED
         if quiet:
             bias[j] += pace * residual[j]
 
@@ -566,7 +565,7 @@ class FusionGenerator:
         if bad is not None:
             raw[bad] = np.nan
         blind = self._blind(bad, measured)
-        threshold = self._threshold.step(velocity, limited)
+        threshold = self._threshold.step(contiguous(prediction.speed), limited)
         alone = threshold.copy()
         base = (np.nan, np.nan)
         if self._base is not None:
@@ -684,7 +683,7 @@ class FusionGenerator:
 
     @property
     def moving(self) -> BoolArray:
-        """(n,) joints that are to move, or were just before."""
+        """(n,) joints that slide without touch, or did just before."""
         return self._threshold.moving
 
     @property

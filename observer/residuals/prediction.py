@@ -22,9 +22,6 @@ from pepper_driver.observer.models.tree import BatchedTrees
 MAX_LATE_TICKS = 3
 """Ticks by which a sample may be late and still be compared with the prediction for its time."""
 
-MIN_MOVING_SPEED = 0.02
-"""[rad/s] Speed of the stick-slip model above which a joint counts as moving."""
-
 INTEGRAL_CORRECTION_TIME = 1.0
 """[s] Time constant with which the current corrects the estimated integral of a motor board. The current has no sign,
 and a sign that is wrong for a moment must not confirm itself."""
@@ -221,13 +218,13 @@ class ErrorPredictor:
         return self._past[max(-1 - ticks, -len(self._past))]
 
     def friction_band(self, prediction: Prediction, moving: BoolArray) -> FloatArray:
-        """Return the (n,) largest errors at which friction can hold the joints [rad], 0 for those that are to move.
+        """Return the (n,) largest errors at which friction can hold the joints [rad], 0 for those that slide.
 
         It is the range from friction at rest in one direction to that in the other.
 
         Args:
             prediction: Of the tick.
-            moving: (n,) joints that are to move.
+            moving: (n,) joints that slide.
         """
         band = np.empty(len(moving))
         self._friction_band(self.joints, prediction.load_torque, moving, band)
