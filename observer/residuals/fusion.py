@@ -342,6 +342,26 @@ def _agree(filtered: FloatArray, residual: Out[FloatArray]) -> None:
 
 
 @kernel
+def _follow_hands(
+    filtered: FloatArray, threshold: FloatArray, hands: Out[IntArray], residual: Out[FloatArray]
+) -> None:
+    """Replace the residual of touched joints by that of the current, until it has fallen.
+
+    A board that sums up errors takes a joint back to its target while a hand still holds it: the first channel then
+    shows nothing more, and after the release something that is no touch. ``hands`` has the signs of touches.
+    """
+    n = len(residual)
+    for j in range(n):
+        by_current = filtered[n + j]
+        if abs(residual[j]) > threshold[j]:
+            hands[j] = 1 if residual[j] > 0.0 else -1
+        elif by_current * hands[j] <= QUIET_RATIO * threshold[j]:
+            hands[j] = 0
+        if hands[j] != 0:
+            residual[j] = by_current
+
+
+@kernel
 def _join_limbs(
     limbs: IntArray, count: int, residual: FloatArray, threshold: Out[FloatArray]
 ) -> None:
@@ -497,6 +517,7 @@ class FusionGenerator:
         self._check_inputs, self._combine = _check_inputs.load(), _combine.load()
         self._agree = _agree.load()
         self._join_limbs, self._judge = _join_limbs.load(), _judge.load()
+        self._follow_hands = _follow_hands.load()
         self.reset()
 
     def reset(self) -> None:
@@ -515,6 +536,7 @@ class FusionGenerator:
         self._base_quiet, self._confirming = CONFIRMING_TICKS, 0
         self._doubt_ticks = np.zeros(n, dtype=np.int64)
         self._change, self._bias = np.zeros(n), np.zeros(n)
+        self._hands = np.zeros(n, dtype=np.int64)
         self._settling_ticks = np.zeros(n, dtype=np.int64)
         self._settling_countdown = 0
 
@@ -572,6 +594,7 @@ class FusionGenerator:
             base = self._base.step(tick, late_ticks > 0, lost)
             threshold *= self._confirmation(base[1])
         self._join_limbs(self._limbs, self._limb_count, filtered, threshold)
+        self._follow_hands(both, threshold, self._hands, filtered)
         torque, torque_std = self._torque.step(
             both,
             prediction.friction,
