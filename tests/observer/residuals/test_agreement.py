@@ -84,13 +84,26 @@ def test_it_is_the_smaller_of_both_and_nothing_where_their_signs_differ(
             one.measurement.current[:] = current * np.linspace(0.1, 1.0, JOINTS)
             ticks.append(one)
     both, model, shown = (
-        residuals(fusion_generator(parts=part), ticks)
+        residuals(fusion_generator(fusion_model(spread=(9.0, 9.0)), parts=part), ticks)
         for part in (FusionParts(), BY_MODEL, BY_CURRENT)
     )
     smaller = np.minimum(np.abs(model), np.abs(shown))
     np.testing.assert_array_equal(np.abs(both), np.where(model * shown > 0.0, smaller, 0.0))
     agree = both != 0.0
     np.testing.assert_array_equal(np.sign(both[agree]), np.sign(model[agree]))
+
+
+def test_while_a_hand_holds_the_current_alone_shows_it() -> None:
+    """A board that sums errors up takes the joint nearer to its goal under the hand; then the hand lets go."""
+    error, ticks = 3.0 * BOUND, []
+    for k in range(120):
+        one = tick(k, 0.0 if k < 20 else error * max(1.0 - (k - 20) / 40, 0.3))
+        one.measurement.current[:] = error / PER_AMPERE if 20 <= k < 90 else 0.0
+        ticks.append(one)
+    seen = np.abs(residuals(fusion_generator(), ticks)[:, ELBOW])
+    assert (seen[25:88] > 1.5 * BOUND).all()
+    assert (seen[:20] < 0.1 * BOUND).all()
+    assert (seen[95:] < 0.1 * BOUND).all()
 
 
 def test_the_model_alone_counts_where_the_current_shows_nothing() -> None:
