@@ -175,6 +175,7 @@ class Residuals:
         friction_band: Largest error at which friction can hold a joint [rad]; 0 where it is unknown.
         blind: Joints that cannot be judged.
         doubtful: Joints at rest whose error is no touch; None where this is not examined.
+        hides: Joints that may not show a touch: friction holds them, or they are blind. None where it is not examined.
         base_raw: Residual of the base before the filter, in units of its bound; NaN where it cannot be judged.
         base_residual: The same, filtered.
         detail: Data that the generator needs again in ``learn``, when the events of the tick are known.
@@ -189,6 +190,7 @@ class Residuals:
     friction_band: FloatArray
     blind: BoolArray
     doubtful: BoolArray | None = None
+    hides: BoolArray | None = None
     base_raw: float = np.nan
     base_residual: float = np.nan
     detail: object = None

@@ -225,10 +225,19 @@ class BodyTracker:
         live = trunk.live()
         if not live:
             trunk.explained = False
-        elif trunk.contact is None and any(limb.contact is not None for limb in self._outer):
+        elif trunk.contact is None and (
+            any(limb.contact is not None for limb in self._outer) or self._hides_touches()
+        ):
             trunk.explained = True
         if not trunk.explained:
             self._update_limb(trunk, time, events)
+
+    def _hides_touches(self) -> bool:
+        """Return True if a joint of a limb may hide a touch that shakes the trunk."""
+        hides = self._residuals.hides
+        return hides is not None and any(
+            hides[joint] for limb in self._outer for joint in limb.joints
+        )
 
     def _update_limb(self, limb: _Limb, time: float, events: list[Contact]) -> None:
         """Append the events of one limb."""

@@ -608,6 +608,7 @@ class FusionGenerator:
         if np.count_nonzero(blind):
             for values in (expected_error, filtered, threshold, torque, torque_std):
                 values[blind] = np.nan
+        band = self._predictor.friction_band(prediction, self._threshold.moving)
         return Residuals(
             expected=expected_error,
             raw=raw,
@@ -615,9 +616,10 @@ class FusionGenerator:
             threshold=threshold,
             torque=torque,
             torque_std=torque_std,
-            friction_band=self._predictor.friction_band(prediction, self._threshold.moving),
+            friction_band=band,
             blind=blind,
             doubtful=self._doubtful(both[:n], filtered, alone, blind),
+            hides=blind | (band > alone),
             base_raw=base[0],
             base_residual=base[1],
             detail=_Detail(prediction, measured, limited, alone),
