@@ -533,7 +533,7 @@ class FusionGenerator:
             self._base.reset()
         self._blind_ticks = np.zeros(n, dtype=np.int64)
         self._blind_countdown = 0
-        self._base_quiet, self._confirming = CONFIRMING_TICKS, 0
+        self._base_quiet, self._confirming, self._untouched = CONFIRMING_TICKS, 0, True
         self._doubt_ticks = np.zeros(n, dtype=np.int64)
         self._change, self._bias = np.zeros(n), np.zeros(n)
         self._hands = np.zeros(n, dtype=np.int64)
@@ -628,7 +628,8 @@ class FusionGenerator:
     def _confirmation(self, base_residual: float) -> float:
         """Return the factor on thresholds of limbs that a push on the base makes."""
         if abs(base_residual) > 1.0:
-            if self._base_quiet >= CONFIRMING_TICKS:
+            # A hand that lets go shakes the base as well.
+            if self._base_quiet >= CONFIRMING_TICKS and self._untouched:
                 self._confirming = CONFIRMING_TICKS
             self._base_quiet = 0
         else:
@@ -744,6 +745,7 @@ class FusionGenerator:
         )
         # Also without adaptation: this corrects the state of the models.
         self._predictor.rest(resting, residual)
+        self._untouched = untouched
         if untouched:
             self._threshold.learn(residual, seen)
             if self._base is not None:
