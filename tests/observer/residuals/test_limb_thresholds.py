@@ -39,6 +39,7 @@ BASE = BaseModel(
     driving=(SPREAD,) * 6,
 )
 BEFORE = TAPS + 2 * WINDOW  # ticks after which joints and base are judged
+ENDED = round(SETTINGS.merge_gap / ROBOT.cycle)  # ticks after which a contact is over
 
 
 def touched(index: int, *, base: bool = False, **ratios: float) -> Tick:
@@ -158,9 +159,10 @@ def test_a_push_on_the_base_lowers_thresholds_for_a_while() -> None:
 
 
 @pytest.mark.parametrize(
-    ("pause", "again"), [(CONFIRMING_TICKS - 4, False), (CONFIRMING_TICKS + 4, True)]
+    ("pause", "again"), [(CONFIRMING_TICKS + 4, False), (ENDED + CONFIRMING_TICKS, True)]
 )
 def test_only_a_push_after_quiet_does_so(pause: int, again: bool) -> None:
+    """After the contact of the one before: a hand that lets go shakes the base as well."""
     push = [True] * (2 * CONFIRMING_TICKS)
     factor = thresholds([*push, *[False] * pause, *push])
     confirmed = int(np.count_nonzero(factor < 0.99))
