@@ -133,7 +133,7 @@ def test_ctrl_c_ends_the_demo_cleanly(tmp_path: Path) -> None:
     )
     assert process.stdout is not None
     for _ in range(2):
-        assert "contact" in process.stdout.readline()
+        assert "after the true onset" in process.stdout.readline()
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
