@@ -188,7 +188,7 @@ def test_a_worn_robot_must_be_identified_again() -> None:
     motion_test = tried("mujoco://?plant=worn")
     assert statuses(motion_test)["models fit"] is CheckStatus.FAILED
     changed = [f.joint for f in motion_test.fits if f.verdict in (Verdict.WORN, Verdict.MISFIT)]
-    assert len(changed) > 7
+    assert len(changed) > 4
     assert "LShoulderPitch" in changed
 
 

@@ -10,6 +10,7 @@ from pepper_driver.backends.mock import MockBackend
 from pepper_driver.config import ConfigError, Experiment, load_experiment
 from pepper_driver.config.experiment import FOLDERS
 from pepper_driver.config.loading import shipped_names
+from pepper_driver.config.steps import RepeatStep
 from pepper_driver.experiments.plan import Plan, experiment_uri, plan_experiment
 from support.experiments import CYCLE, ROBOT, STAND, YAW, listen, make_experiment, with_played
 
@@ -41,7 +42,9 @@ def test_all_that_is_shipped_can_be_planned(name: str) -> None:
     experiment = replace(load_experiment(name, ROBOT), contacts=())
     planned = plan(experiment)
     longest = sum(segment.ticks for segment in planned.segments) * CYCLE
-    assert longest == pytest.approx(experiment.max_length, rel=0.5)
+    assert longest < 1.5 * experiment.max_length
+    if not any(isinstance(step, RepeatStep) for _, step in experiment.walk()):  # else once each
+        assert longest > 0.5 * experiment.max_length
     assert planned.at_begin == []
 
 
