@@ -29,15 +29,16 @@ from rich.console import Console
 from rich.table import Table
 
 from pepper_driver import PepperError
-from pepper_driver.config import load_observer_settings, load_plant, load_robot
+from pepper_driver.config import load_experiment, load_observer_settings, load_robot
 from pepper_driver.config.files import content_hash, make_folder, write_text
 from pepper_driver.config.population import parse_draws
 from pepper_driver.config.touch_suites import EVEN, load_touch_suites
 from pepper_driver.config.workers import one_core
 from pepper_driver.evaluation.touch.ledger import code_hash
 from pepper_driver.evaluation.touch.observers import ABLATIONS, FUSION, ModelFiles, make, watch_all
-from pepper_driver.evaluation.touch.records import BoardLaw, RobotRecord, load_take, save_take
+from pepper_driver.evaluation.touch.records import RobotRecord, load_take, save_take
 from pepper_driver.evaluation.touch.scoring import score_robot
+from pepper_driver.evaluation.touch.split import CALIBRATION, EXPERIMENT, board_law
 from pepper_driver.evaluation.touch.summary import group_of, summarise_touch
 from pepper_driver.evaluation.touch.takes import TakeSpec, perform, plan_takes
 from pepper_driver.identification import identify_population
@@ -152,9 +153,6 @@ def keep_take(spec: TakeSpec, models: Path, path: Path) -> None:
 
 def perform_takes(draws: Sequence[int], folder: Path, workers: int) -> dict[int, Path]:
     """Identify and touch robots; return their models by their draw, without robots that could not be identified."""
-    from pepper_driver.config.experiment import load_experiment
-    from pepper_driver.evaluation.touch.split import CALIBRATION, EXPERIMENT
-
     robot = load_robot()
     experiment = load_experiment(EXPERIMENT, robot)
     owners = identify_population(
@@ -210,8 +208,7 @@ def observer_of(variant: str, models: Path) -> Observer:
 def judge_robot(variant: str, draw: int, models: Path, folder: Path) -> RobotRecord:
     """Show the takes of a robot to a variant."""
     robot, takes = load_robot(), []
-    plant = load_plant(load_touch_suites(robot).population, robot, draw=draw)
-    law: BoardLaw = "integral" if any(drive.ki for drive in plant.actuators) else "nominal"
+    law = board_law(load_touch_suites(robot).population, draw, robot)
     for spec in specs_of(draw):
         path = take_file(folder, spec)
         take = load_take(path)

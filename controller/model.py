@@ -250,11 +250,6 @@ class RobotModel:
 
     # -- other states -------------------------------------------------------------------------------------------
 
-    def joint_id(self, joint: str) -> int:
-        """Return the number of a joint in Pinocchio."""
-        number: int = self.pin.getJointId(joint)
-        return number
-
     def frame_id(self, link: str) -> int:
         """Return the number of a link in Pinocchio.
 

@@ -245,7 +245,7 @@ def _judge_part(
             key=key,
             robot=f"{judging.suites.population} {draw}",
             draw=draw,
-            law=_law(judging, draw, robot),
+            law=board_law(judging.suites.population, draw, robot),
             identity=_identity(judging, draw),
             failure="" if owner.file is not None else owner.reason,
             fit={joint: fit["test"] for joint, fit in fits.items()},
@@ -363,8 +363,9 @@ def take_and_hear(
     return replace(take, hearings={name: {**heard, **failed}[name] for name in names})
 
 
-def _law(judging: Judging, draw: int, robot: RobotConfig) -> BoardLaw:
-    plant = load_plant(judging.suites.population, robot, draw=draw)
+def board_law(population: str, draw: int, robot: RobotConfig) -> BoardLaw:
+    """Return the law of the motor boards of a robot of a population of plants."""
+    plant = load_plant(population, robot, draw=draw)
     return "integral" if any(drive.ki for drive in plant.actuators) else "nominal"
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pepper_driver.observer.residuals.fusion import (
+from pepper_driver.observer.residuals.torque_estimate import (
     DAHL_DISTANCE,
     RESTING_DOUBT,
     SLIDING_DOUBT,
