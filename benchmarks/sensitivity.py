@@ -85,8 +85,6 @@ CONSTANTS: dict[str, tuple[str, ...]] = {
         "STUCK_TIME",
         "MAX_STUCK_TIME",
         "STUCK_SPREAD",
-        "SETTLING_TIME",
-        "SETTLING_FACTOR",
     ),
     "detection.body_isolation": ("RELATIVE_RATIO", "RATIO_MEMORY", "TRUNK_REPORT_DELAY"),
 }

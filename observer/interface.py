@@ -104,10 +104,9 @@ class JointState(IntEnum):
     CONTACT = 1
     RELEASE = 2
     REBOUND = 3
-    SETTLING = 4
-    BLIND = 5
+    BLIND = 4
     """No model, or data that cannot be judged: neither free nor in contact."""
-    DOUBTFUL = 6
+    DOUBTFUL = 5
     """At rest with an error that its motor does not work against, or with a threshold that no touch reaches."""
 
 

@@ -113,7 +113,6 @@ class BodyTracker:
       after TAP_TIME, a ``hold`` after HOLD_TIME. One that ends before was a ``tap``, or a ``double tap``. A push that
       follows one the other way is a ``grip``.
     - A limb that swings back after its contact causes a ``rebound``, with an id of its own.
-    - A touch that begins on the remnant of another (:class:`JointMonitor`) ends that contact and begins one.
 
     Args:
         robot: Its description.
@@ -196,12 +195,12 @@ class BodyTracker:
                 ratio = size / threshold[joint]
                 ratios.append(ratio if ratio == ratio else 0.0)  # 0 for NaN
                 # Most joints: a step would change nothing. NaN compares as False.
-                if size <= threshold[joint] and monitor.idle(time):
+                if size <= threshold[joint] and monitor.idle:
                     states[joint] = JointState.FREE
                     continue
                 states[joint] = monitor.step(time, residual[joint], threshold[joint], band[joint])
                 ended[joint] = monitor.settled
-                idle = idle and monitor.idle(time)
+                idle = idle and monitor.idle
                 excursion = monitor.excursion
                 if (
                     excursion is not None
@@ -252,18 +251,6 @@ class BodyTracker:
             end = time if contact.fall_time is None else contact.fall_time
             self._end(limb, contact, end, time, events)
             contact = None
-        second = [e for e in over if e.previous_end is not None and e.begin_time == time]
-        if contact is not None and second:
-            ends = [e.previous_end for e in second if e.previous_end is not None]
-            self._end(limb, contact, min(ends), time, events)
-            for excursion in live:
-                if excursion not in second:
-                    # What they have shown was of the first touch.
-                    excursion.peak = 0.0
-                    if excursion.kind == "collision":
-                        excursion.kind = "contact"
-            self._begin(limb, second, time, events)
-            return
         if contact is None:
             if over:
                 self._begin(limb, touching or over, time, events)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -112,11 +111,6 @@ MAX_STUCK_TIME = 1.0
 STUCK_SPREAD = 0.25
 """Fraction of the threshold by which a constant residual may vary."""
 
-SETTLING_TIME = 0.3
-"""[s] After a contact, in which the threshold is SETTLING_FACTOR times as high: the joint was just released."""
-
-SETTLING_FACTOR = 1.5
-
 Onset = Callable[[int, int, float], float]
 """Clock [s] at which the residual of a joint began to leave its band, from joint index, sign and threshold."""
 
@@ -133,7 +127,6 @@ class Excursion:
         peak: Largest size of the residual so far [rad].
         begin_time: When it exceeded the threshold [s].
         fall_time: When it fell below the threshold [s]; None while it exceeds it.
-        previous_end: When the touch before ended, if this one began while its remnant was above the threshold [s].
     """
 
     joint: int
@@ -143,54 +136,11 @@ class Excursion:
     peak: float
     begin_time: float
     fall_time: float | None = None
-    previous_end: float | None = None
 
     @property
     def over(self) -> bool:
         """True while the residual exceeds the threshold."""
         return self.fall_time is None
-
-
-class _Remnant:
-    """Remnant of a touch: residual that stays above the threshold when the hand has left.
-
-    Attributes:
-        since: When it became constant [s].
-        last_time: When the residual was last near it [s].
-        is_known: True once it has been constant for STUCK_TIME.
-    """
-
-    def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget it."""
-        self.is_known = False
-        self.since = self.last_time = math.nan
-        self._lowest = self._highest = 0.0
-
-    def interrupt(self) -> None:
-        """Take in that the residual is within the threshold: what was constant until then is no remnant yet."""
-        if not self.is_known:
-            self.since = math.nan
-
-    def rises(self, time: float, size: float, threshold: float, peak: float) -> bool:
-        """Take in the size of a residual above the threshold [rad]; return True if it has left the remnant for more."""
-        if self.is_known:
-            # A board's integral may take it back slowly.
-            self._lowest = min(self._lowest, size)
-            if size <= self._lowest + ONSET_LEVEL * threshold:
-                self.last_time = time
-            return size > self._lowest + threshold
-        if size >= min(STUCK_RATIO * peak, SETTLING_FACTOR * threshold):
-            self.since = math.nan
-            return False
-        lowest, highest = min(self._lowest, size), max(self._highest, size)
-        if math.isnan(self.since) or highest - lowest > STUCK_SPREAD * threshold:
-            self.since, lowest, highest = time, size, size
-        self._lowest, self._highest, self.last_time = lowest, highest, time
-        self.is_known = time - self.since + TIME_TOLERANCE >= STUCK_TIME
-        return False
 
 
 class JointMonitor:
@@ -205,20 +155,15 @@ class JointMonitor:
       ``rebound_window`` becomes a contact: a person holds the joint. In simulation four of five rebounds are shorter,
       and a missed touch is worse than a reported rebound.
     - BLIND: the residual is NaN. An excursion ends at once, and the next one is no rebound.
-    - SETTLING, if the observer can reset its model to the measured position: a contact has ended. It also ends when the
-      residual is constant within the friction band, below STUCK_RATIO of its peak.
-
-    Beyond the friction band a constant residual may be a hand. It may also be a remnant: friction or the integral of a
-    board that was not identified hold the joint. A touch that begins on it is told from it by its rise, by a threshold
-    or more, and begins an excursion of its own. A remnant is a residual that has fallen below STUCK_RATIO of its peak
-    and SETTLING_FACTOR thresholds, and was constant there for STUCK_TIME. Only a monitor with the state SETTLING has
-    this rule. On the other side nothing is a rebound of a touch that ended so long ago.
+    An excursion also ends when the residual is constant within the friction band, below STUCK_RATIO of its peak or for
+    MAX_STUCK_TIME, if the observer can reset its model to the measured position. Beyond the friction band a constant
+    residual is a hand.
 
     Args:
         joint: Index of the joint.
         settings: Merge gap and rebound window.
         onset: Function that gives the time when an excursion began.
-        settles: True for a monitor with the state SETTLING.
+        settles: True if the observer can reset the model of the joint.
 
     Attributes:
         excursion: The present one, or None.
@@ -232,8 +177,6 @@ class JointMonitor:
         self._settles = settles
         self._constant_since: float | None = None
         self._lowest = self._highest = 0.0
-        self._remnant = _Remnant()
-        self._settling_until = -1.0
         self.settled = False
         self._merge_gap = settings.merge_gap + TIME_TOLERANCE
         self._rebound_window = settings.rebound_window + TIME_TOLERANCE
@@ -256,46 +199,43 @@ class JointMonitor:
             self.reset()
             return JointState.BLIND
         current = self.excursion
-        if self._settles:
-            if time <= self._settling_until:
-                threshold *= SETTLING_FACTOR
-            elif current is not None and self._stuck(current, time, residual, threshold, band):
-                # The hand left when the residual became constant.
-                self._end(current, time - STUCK_TIME, time)
-                return JointState.SETTLING
+        if (
+            self._settles
+            and current is not None
+            and self._stuck(current, time, residual, threshold, band)
+        ):
+            # The hand left when the residual became constant.
+            self._end(current, time - STUCK_TIME)
+            return JointState.RELEASE
         if (
             current is not None
             and current.fall_time is not None
             and time - current.fall_time > self._merge_gap
         ):
-            self._end(current, current.fall_time, time)
+            self._end(current, current.fall_time)
             current = None
         size = abs(residual)
         if size > threshold:
             sign = 1 if residual > 0 else -1
             if current is None or current.sign != sign:
                 if current is not None:
-                    self._end(
-                        current, time if current.fall_time is None else current.fall_time, time
-                    )
+                    self._end(current, time if current.fall_time is None else current.fall_time)
                 current = self._begin(time, sign, threshold)
-            elif self._settles and self._remnant.rises(time, size, threshold, current.peak):
-                current = self._begin_again(current, time)
             current.fall_time = None
             current.peak = max(current.peak, size)
             if current.kind == "rebound" and time - current.begin_time > self._rebound_window:
                 current.kind = "contact"
             return JointState.REBOUND if current.kind == "rebound" else JointState.CONTACT
         if current is None:
-            return JointState.SETTLING if time <= self._settling_until else JointState.FREE
+            return JointState.FREE
         if current.fall_time is None:
             current.fall_time = time
-            self._remnant.interrupt()
         return JointState.RELEASE
 
-    def idle(self, time: float) -> bool:
-        """Return True if a residual within its threshold would change nothing."""
-        return self.excursion is None and time > self._settling_until
+    @property
+    def idle(self) -> bool:
+        """True if a residual within its threshold would change nothing."""
+        return self.excursion is None
 
     def _begin(self, time: float, sign: int, threshold: float) -> Excursion:
         swings_back = (
@@ -311,31 +251,11 @@ class JointMonitor:
         )
         return self.excursion
 
-    def _begin_again(self, before: Excursion, time: float) -> Excursion:
-        """Begin the excursion of a second touch in place of the first one's remnant."""
-        self.excursion = Excursion(
-            joint=self._joint,
-            sign=before.sign,
-            kind="contact",
-            onset_time=self._remnant.last_time,
-            peak=0.0,
-            begin_time=time,
-            previous_end=self._remnant.since,
-        )
-        self._constant_since = None
-        self._remnant.reset()
-        return self.excursion
-
-    def _end(self, excursion: Excursion, fall_time: float, time: float) -> None:
-        self._previous_sign = excursion.sign
-        remnant = self._remnant
-        self._previous_fall = remnant.since if remnant.is_known else fall_time
+    def _end(self, excursion: Excursion, fall_time: float) -> None:
+        self._previous_sign, self._previous_fall = excursion.sign, fall_time
         self.excursion = None
         self._constant_since = None
-        remnant.reset()
         self.settled = True
-        if self._settles:
-            self._settling_until = time + SETTLING_TIME
 
     def _stuck(
         self, current: Excursion, time: float, residual: float, threshold: float, band: float
@@ -361,5 +281,3 @@ class JointMonitor:
         self.excursion = None
         self._previous_sign = 0
         self._constant_since = None
-        self._remnant.reset()
-        self._settling_until = -1.0

@@ -22,7 +22,6 @@ from pepper_driver.observer.detection.body_isolation import (
     TRUNK_REPORT_DELAY,
     BodyTracker,
 )
-from pepper_driver.observer.detection.excursions import SETTLING_TIME
 from pepper_driver.observer.interface import (
     INTENSITY_STEP_DEG,
     TORQUE_STEP_STDS,
@@ -39,7 +38,7 @@ THRESHOLDS = np.linspace(0.01, 0.04, JOINTS)
 PERIOD = round(SETTINGS.update_period / CYCLE)
 HELD = math.ceil(TRUNK_REPORT_DELAY / CYCLE)
 GAP = round(SETTINGS.merge_gap / CYCLE)
-QUIET = GAP + round(SETTLING_TIME / CYCLE) + 3
+QUIET = GAP + 3
 FIRST, LAST = (math.ceil(span / CYCLE) for span in REISOLATION_TIMES)
 BEFORE_LAST = math.floor(REISOLATION_TIMES[-1] / CYCLE) - 1
 
@@ -111,26 +110,6 @@ def test_a_touch_on_one_joint() -> None:
     assert (end.phase, end.id) == ("end", 1)
     assert end.time == pytest.approx((5 + 2 * PERIOD) * CYCLE)
     assert player.tracker.idle
-
-
-def test_a_touch_on_the_remnant_of_another_is_told() -> None:
-    """The first one hangs just above two thresholds for two seconds."""
-    player = Player()
-    remnant = {"LShoulderRoll": 1.2, "LElbowRoll": 1.3}
-    events = player.play(30, LShoulderRoll=5.0, LElbowRoll=4.0)
-    events += player.play(round(2.0 / CYCLE), **remnant)
-    begin = player.k
-    events += player.play(30, LShoulderRoll=2.8, LElbowRoll=1.3)
-    events += player.play(QUIET)
-    lives = [(event.id, event.phase) for event in events if event.phase != "update"]
-    assert lives == [(1, "begin"), (1, "end"), (2, "begin"), (2, "end")]
-    second = next(event for event in events if event.id == 2)
-    assert (second.kind, second.joint) == ("contact", "LShoulderRoll")
-    assert second.time == second.detection_time == pytest.approx(begin * CYCLE)
-    assert second.onset_time == pytest.approx(begin * CYCLE, abs=1.1 * CYCLE)
-    threshold = THRESHOLDS[ROBOT.joint_index("LShoulderRoll")]
-    assert second.intensity_deg == pytest.approx(math.degrees(2.8 * threshold))
-    check_lives(events)
 
 
 def test_joints_beyond_the_hand_are_shaken_but_less() -> None:
