@@ -34,7 +34,7 @@ from seeded_runs import FILE_WIDTH, Parser, Result, perform, rate_bound, seeds, 
 from pepper_driver import Contact, CueEvent, ExperimentRun, Observation, Pepper, PepperError
 from pepper_driver.config import Experiment, load_experiment, load_robot
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.config.contact_selector import MAX_TORQUE, TouchTrigger
+from pepper_driver.config.contact_selector import MAX_FORCE, TouchTrigger
 from pepper_driver.config.experiment import Reaction
 from pepper_driver.controller import RobotModel, Tick
 from pepper_driver.controller.support_polygon import SupportPolygon
@@ -198,9 +198,9 @@ def moved(model: RobotModel, story: Story, untouched: Story, push: Pushed, end: 
     return float(way @ np.array(WAYS[push.way]))
 
 
-def measure(plant: str, min_torque: float, seed: int, *, without_reactions: bool) -> Result:
-    """Play one seed: each push with delays [s], ways [m] and torque [N m]; what came without a push."""
-    experiment = with_min_torque(load_experiment(FILE, load_robot()), min_torque)
+def measure(plant: str, min_force: float, seed: int, *, without_reactions: bool) -> Result:
+    """Play one seed: each push with delays [s], ways [m] and reported force [N]; what came without a push."""
+    experiment = with_min_force(load_experiment(FILE, load_robot()), min_force)
     untouched, _ = play(experiment, plant, seed)
     hand = RandomHand(untouched, experiment, seed)
     story, pushes = play(experiment, plant, seed, hand)
@@ -219,13 +219,13 @@ def measure(plant: str, min_torque: float, seed: int, *, without_reactions: bool
         for kind in TIMES[1:]:
             begun = [time for k, time in story.reflexes if k == kind and onset < time <= latest]
             result[kind] = begun[0] - onset if begun else None
-        torques = [
-            abs(contact.torque)
+        forces = [
+            contact.force_size
             for contact in story.contacts
-            if contact.limb == LIMB and contact.kind != "rebound" and contact.torque is not None
+            if contact.limb == LIMB and contact.force_size is not None
             if onset < contact.time <= latest
         ]
-        result["torque"] = max(torques, default=None)
+        result["reported"] = max(forces, default=None)
         felt_on = [c.time for c in story.contacts if onset < c.time < following]
         result["felt_on"] = max(felt_on, default=onset) - onset - DURATION
         result["moved"] = moved(model, story, untouched, push, end)
@@ -251,16 +251,16 @@ def retracts(reaction: Reaction) -> bool:
     return reaction.reflex.get("do") == "retract"
 
 
-def shipped_min_torque() -> float:
-    """Torque from which the shipped experiment retracts [N m]."""
+def shipped_min_force() -> float:
+    """Force from which the shipped experiment retracts [N]."""
     [retract] = filter(retracts, load_experiment(FILE, load_robot()).reactions)
-    return retract.on.min_torque
+    return retract.on.min_force
 
 
-def with_min_torque(experiment: Experiment, min_torque: float) -> Experiment:
-    """Return an experiment that retracts from another torque on [N m]."""
+def with_min_force(experiment: Experiment, min_force: float) -> Experiment:
+    """Return an experiment that retracts from another force on [N]."""
     reactions = tuple(
-        replace(r, on=TouchTrigger(limb=r.on.limb, min_torque=min_torque)) if retracts(r) else r
+        replace(r, on=TouchTrigger(limb=r.on.limb, min_force=min_force)) if retracts(r) else r
         for r in experiment.reactions
     )
     return replace(experiment, reactions=reactions)
@@ -302,18 +302,18 @@ def way_table(pushes: dict[str, list[Result]]) -> Table:
         "plant",
         "direction",
         *(f"{force:g} N" for force in FORCES),
-        title="Told / retracted of all; median (5-95 %) of the largest torque told, N m",
+        title="Told / retracted of all; median (5-95 %) of the largest force reported, N",
     )
     for plant, way in product(pushes, WAYS):
         cells = []
         for force in FORCES:
             rows = [r for r in pushes[plant] if r["force"] == force and r["way"] == way]
             told, _, retracted = (sum(r[key] is not None for r in rows) for key in TIMES)
-            torques = [r["torque"] for r in rows if r["torque"] is not None]
+            forces = [r["reported"] for r in rows if r["reported"] is not None]
             spread = ""
-            if torques:
-                low, middle, high = np.percentile(torques, (5, 50, 95))
-                spread = f"; {middle:.1f} ({low:.1f}-{high:.1f})"
+            if forces:
+                low, middle, high = np.percentile(forces, (5, 50, 95))
+                spread = f"; {middle:.0f} ({low:.0f}-{high:.0f})"
             cells.append(f"{told} / {retracted} of {len(rows)}{spread}")
         table.add_row(plant, way, *cells)
     return table
@@ -351,13 +351,13 @@ def arguments() -> argparse.Namespace:
     parser.add_run_options(roots=ROOTS, runs=10, runs_help="of each plant, two minutes long")
     parser.add_argument("--plants", nargs="+", default=PLANTS, choices=PLANTS)
     parser.add_argument(
-        "--min-torque", type=float, help="from which it retracts, in place of the file's [N m]"
+        "--min-force", type=float, help="from which it retracts, in place of the file's [N]"
     )
     given = parser.parse_args()
-    if given.min_torque is None:
-        given.min_torque = shipped_min_torque()
-    if not 0.0 <= given.min_torque <= MAX_TORQUE:
-        parser.error(f"--min-torque must be 0 to {MAX_TORQUE:g} N m, got {given.min_torque:g}")
+    if given.min_force is None:
+        given.min_force = shipped_min_force()
+    if not 0.0 <= given.min_force <= MAX_FORCE:
+        parser.error(f"--min-force must be 0 to {MAX_FORCE:g} N, got {given.min_force:g}")
     parser.check_run_options(given)
     return given
 
@@ -366,10 +366,10 @@ def main() -> int:
     """Measure, print tables, and return the exit code."""
     given = arguments()
     jobs = {
-        f"{given.seeds} {plant} {given.min_torque:g} N m {number}": partial(
+        f"{given.seeds} {plant} {given.min_force:g} N {number}": partial(
             measure,
             plant,
-            given.min_torque,
+            given.min_force,
             seed,
             without_reactions=number < WITHOUT_REACTIONS,
         )

@@ -39,6 +39,7 @@ class Contact:
             intensity or torque change, it comes ``update_period`` (settings) or more after the previous event.
         kind: :data:`~pepper_driver.config.contact_selector.Kind`, as far as it is known.
         limb: ``left_arm``, ``right_arm``, ``head`` or ``trunk``, which includes the base.
+        limb_known: False for a contact on the trunk that only the base shows, while friction may hide one on a limb.
         joint: The last joint of the chain that detects it; None for trunk and base.
         link: The link that this joint carries.
         direction: Sign of the external torque on the joint, in the joint's positive sense: minus the sign of the
@@ -66,6 +67,7 @@ class Contact:
     phase: Phase
     kind: Kind
     limb: str
+    limb_known: bool = True
     joint: str | None
     link: str
     direction: Direction

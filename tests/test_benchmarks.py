@@ -631,11 +631,11 @@ def test_pushes_on_the_moving_arm_are_measured(
     short, path = tmp_path / "short.yaml", tmp_path / "touch.json"
     short.write_text(module.FILE.read_text().replace("times: 10", "times: 1"))
     monkeypatch.setattr(module, "FILE", short)
-    options = ["--plants", "integral", "--runs", "1", "--min-torque", "4", "--json", str(path)]
+    options = ["--plants", "integral", "--runs", "1", "--min-force", "4", "--json", str(path)]
     monkeypatch.setattr(sys, "argv", [str(TOUCH), *options])
     assert module.main() == 0
     [(name, run)] = json.loads(path.read_text())["runs"].items()
-    assert name == "development integral 4 N m 0"
+    assert name == "development integral 4 N 0"
     assert run["untouched"] == {
         "seconds": pytest.approx(17.0, abs=0.1),
         "sentences": 0,
@@ -653,13 +653,19 @@ def test_pushes_on_the_moving_arm_are_counted_by_plant_force_and_direction(
 ) -> None:
     path = tmp_path / "touch.json"
     push = {"force": 12.0, "way": "inwards", "told": 0.12, "follow_hand": 0.1, "retract": None}
-    push |= {"torque": 4.0, "moved": 0.2, "gave_way": 0.003, "saturated": False, "felt_on": 0.2}
-    strong = push | {"felt_on": 60.0, "force": 20.0, "retract": 0.2, "torque": 6.0, "moved": 0.005}
-    missed = push | {"way": "up", "told": None, "follow_hand": None, "torque": None, "moved": 0.0}
+    push |= {"reported": 14.2, "moved": 0.2, "gave_way": 0.003, "saturated": False, "felt_on": 0.2}
+    strong = push | {
+        "felt_on": 60.0,
+        "force": 20.0,
+        "retract": 0.2,
+        "reported": 21.0,
+        "moved": 0.005,
+    }
+    missed = push | {"way": "up", "told": None, "follow_hand": None, "reported": None, "moved": 0.0}
     untouched = {"seconds": 120.0, "sentences": 1, "reflexes": 2, "contacts": 3}
     run = {"pushes": [push, strong, missed], "left_out": [[25.0, "forward"]], "tilt": 0.01}
     run |= {"other_sentences": 4, "untouched": untouched}
-    names = [f"test nominal 5 N m {number}" for number in range(2)]
+    names = [f"test nominal 18 N {number}" for number in range(2)]
     path.write_text(json.dumps({"runs": dict.fromkeys(names, run)}))
     options = ["--seeds", "test", "--plants", "nominal", "--runs", "2", "--json", str(path)]
     status, out, err = scripted(TOUCH, monkeypatch, capsys, *options)
@@ -670,8 +676,8 @@ def test_pushes_on_the_moving_arm_are_counted_by_plant_force_and_direction(
     assert by_force["12 N"] == [half, half, half, "0 of 4 [0.00-0.60]", "120", "100", "3", "0", "0"]
     assert by_force["20 N"] == [all_, all_, none, all_, "120", "5", "3", "0", "2"]
     by_way = {row[1]: row[2:] for row in rows if len(row) == 8}
-    assert by_way["inwards"][2] == "2 / 0 of 2; 4.0 (4.0-4.0)"
-    assert by_way["inwards"][4] == "2 / 2 of 2; 6.0 (6.0-6.0)"
+    assert by_way["inwards"][2] == "2 / 0 of 2; 14 (14-14)"
+    assert by_way["inwards"][4] == "2 / 2 of 2; 21 (21-21)"
     assert by_way["up"][2] == "0 / 0 of 2"
     [last] = (row for row in rows if len(row) == 9)
     # One event in four minutes, by Poisson: below 4.74 in them.
@@ -683,8 +689,8 @@ def test_pushes_on_the_moving_arm_are_counted_by_plant_force_and_direction(
     [
         (["--plants", "cold"], "cold"),
         (["--runs", "0"], "--runs"),
-        (["--min-torque", "-1"], "--min-torque"),
-        (["--min-torque", "nan"], "--min-torque"),
+        (["--min-force", "-1"], "--min-force"),
+        (["--min-force", "nan"], "--min-force"),
         (["--jobs", "0"], "--jobs"),
         (["--seeds", "mine"], "--seeds"),
         (["--json", str(TOUCH)], "holds no results"),

@@ -66,7 +66,7 @@ class BodyContact:
     def __init__(self, time: float, onset_time: float) -> None:
         self.number: int | None = None
         self.kind: Kind = "contact"
-        self.limb = ""
+        self.limb, self.limb_known = "", True
         self.joint: int | None = None
         self.link = ""
         self.sign = 0
@@ -105,7 +105,7 @@ class BodyTracker:
       less. The joint is determined at the detection and again REISOLATION_TIMES later. Then it changes only if it
       becomes blind.
     - The trunk carries the limbs. Residuals of its joints belong to the contact on a limb if that contact exists now or
-      existed when they began.
+      existed when they began. While friction may hide a touch on a limb, the limb of what the base shows is not known.
     - A contact that begins on the trunk is reported TRUNK_REPORT_DELAY later. If a limb detects it until then, it is
       reported on that limb at once. If a limb detects it later, within the last of REISOLATION_TIMES, it moves there
       and keeps its id.
@@ -224,9 +224,7 @@ class BodyTracker:
         live = trunk.live()
         if not live:
             trunk.explained = False
-        elif trunk.contact is None and (
-            any(limb.contact is not None for limb in self._outer) or self._hides_touches()
-        ):
+        elif trunk.contact is None and any(limb.contact is not None for limb in self._outer):
             trunk.explained = True
         if not trunk.explained:
             self._update_limb(trunk, time, events)
@@ -403,12 +401,14 @@ class BodyTracker:
             contact.kind = "collision"
         if limb is self._trunk:
             contact.limb, contact.joint = TRUNK, None
+            contact.limb_known = contact.limb_known and not self._hides_touches()
             contact.link = TRUNK_LINK if place > 0 else BASE_LINK
             contact.peak = max((e.peak for e in over if e.joint != limb.joints[0]), default=0.0)
         else:
             contact.joint = excursion.joint
             joint = self._robot.joints[excursion.joint]
             contact.limb, contact.link = self._robot.limb_of(joint.name), joint.child
+            contact.limb_known = True
 
     def _report(
         self, contact: BodyContact, phase: Phase, time: float, events: list[Contact]
@@ -424,6 +424,7 @@ class BodyTracker:
                 phase=phase,
                 kind=contact.kind,
                 limb=contact.limb,
+                limb_known=contact.limb_known,
                 joint=None if contact.joint is None else self._names[contact.joint],
                 link=contact.link,
                 direction=-1 if contact.sign > 0 else 1,

@@ -125,6 +125,7 @@ CONTACTS = JsonTopic(
         "phase": {"type": "string", "enum": list(get_args(Phase))},
         "kind": {"type": "string", "enum": list(get_args(Kind))},
         "limb": {"type": "string"},
+        "limb_known": {"type": "boolean"},
         "joint": {"type": "string"},
         "link": {"type": "string"},
         "direction": {"type": "integer", "enum": [-1, 1]},

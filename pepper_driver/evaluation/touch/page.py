@@ -551,6 +551,7 @@ def false_contacts(summary: TouchSummary, observer: ObserverSummary) -> list[str
         "seconds per hour",
         "of the time",
         "rebounds told as such",
+        "limb left open",
     )
     by_law = [f"`{law}`" for law in laws]
 
@@ -612,6 +613,7 @@ def _false_cells(contacts: FalseContacts) -> list[str]:
         "-" if contacts.seconds_per_hour is None else figure(contacts.seconds_per_hour),
         "-" if of_time is None else f"{100.0 * of_time:.2f} %",
         "-" if contacts.told_rebounds is None else str(contacts.told_rebounds),
+        "-" if contacts.open_limbs is None else str(contacts.open_limbs),
     ]
 
 

@@ -88,7 +88,7 @@ class Heard:
         id: Number of the contact.
         phase: As of :class:`pepper_driver.observer.Contact`.
         time: When the callback gets it: clock of the tick that reports it [s].
-        kind, limb, joint, direction: As of :class:`pepper_driver.observer.Contact`.
+        kind, limb, limb_known, joint, direction: As of :class:`pepper_driver.observer.Contact`.
     """
 
     id: int
@@ -96,6 +96,7 @@ class Heard:
     time: float
     kind: Kind
     limb: str
+    limb_known: bool = True
     joint: str | None
     direction: int
 

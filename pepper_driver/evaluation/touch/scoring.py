@@ -40,7 +40,7 @@ JOINT_SHARE = 0.7
 DIRECTION_SHARE = 0.2
 """Least share of the largest torque with which a joint has a direction that can be right or wrong."""
 
-Verdict = Literal["right", "rebound", "false"]
+Verdict = Literal["right", "rebound", "open", "false"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,8 +125,10 @@ class TakeScore:
         hours: Time in which an alarm could have been false, a mean over the limbs [h].
         touches: All of the take, in their order.
         right, rebounds: Number of events that were right, or rebounds.
+        open_limbs: Number of events that left their limb open while another one than theirs was touched.
         false: The other events, in the order of their times.
-        idle_contact: Time in contacts where nothing touched their limb, rebounds left out, summed over contacts [s].
+        idle_contact: Time in contacts where nothing touched their limb, or any limb if they leave it open, rebounds
+            left out, summed over contacts [s].
         failure: Reason why the observer has no result: then no touch is felt and there are no hours. Empty if it has.
     """
 
@@ -138,6 +140,7 @@ class TakeScore:
     touches: tuple[TouchScore, ...]
     right: int = 0
     rebounds: int = 0
+    open_limbs: int = 0
     false: tuple[FalseEvent, ...] = ()
     idle_contact: float = 0.0
     failure: str = ""
@@ -176,13 +179,19 @@ class RobotScore:
 def heard(contacts: Iterable[Contact]) -> tuple[Heard, ...]:
     """Return the events of an observer that tell a user something new.
 
-    These are begins, ends, and updates with another joint, limb, direction or kind than the event before, each with
-    its time.
+    These are begins, ends, and updates with another joint, limb, direction or kind than the event before, or a limb
+    that is known now, each with its time.
     """
     events: list[Heard] = []
     last: dict[int, tuple[object, ...]] = {}
     for contact in contacts:
-        told = (contact.joint, contact.limb, contact.direction, contact.kind)
+        told = (
+            contact.joint,
+            contact.limb,
+            contact.limb_known,
+            contact.direction,
+            contact.kind,
+        )
         if contact.phase == "update" and last.get(contact.id) == told:
             continue
         last[contact.id] = told
@@ -193,6 +202,7 @@ def heard(contacts: Iterable[Contact]) -> tuple[Heard, ...]:
                 time=contact.time,
                 kind=contact.kind,
                 limb=contact.limb,
+                limb_known=contact.limb_known,
                 joint=contact.joint,
                 direction=contact.direction,
             )
@@ -231,7 +241,8 @@ def score_take(take: Take, observer: str, limbs: Collection[str]) -> TakeScore:
 
     - An event is a begin, or a move: an update to another limb or joint, or one that stops to be a rebound.
     - It is right if it is no rebound and its limb is touched, from the onset to FELT_GRACE after the release. A rebound
-      is one until REBOUND_TIME after the release of a touch on its limb. Every other event is false.
+      is one until REBOUND_TIME after the release of a touch on its limb. One that leaves its limb open is neither of
+      them while another limb is touched. Every other event is false.
     - A touch is felt by the first right begin on its limb, or move onto it. Each of these counts for one touch only:
       the one that began last of those not felt yet.
     - Events of a contact without a begin are left out.
@@ -283,8 +294,9 @@ def score_take(take: Take, observer: str, limbs: Collection[str]) -> TakeScore:
         ),
         right=verdicts.count("right"),
         rebounds=verdicts.count("rebound"),
+        open_limbs=verdicts.count("open"),
         false=tuple(_false_event(alarm, take.touches) for alarm in false),
-        idle_contact=sum(_idle(track, touched, take.end) for track in tracks),
+        idle_contact=sum(_idle(track, touched, _touched(take), take.end) for track in tracks),
     )
 
 
@@ -365,6 +377,8 @@ def _verdict(alarm: _Alarm, touches: Sequence[Touched]) -> Verdict:
     time = REBOUND_TIME if rebound else FELT_GRACE
     if any(t.limb == alarm.event.limb and _within(t, alarm.time, time) for t in touches):
         return "rebound" if rebound else "right"
+    if not alarm.event.limb_known and any(_within(t, alarm.time, FELT_GRACE) for t in touches):
+        return "open"
     return "false"
 
 
@@ -444,10 +458,11 @@ def _told(event: Heard, touch: Touched) -> Told:
     )
 
 
-def _touched(take: Take, limb: str) -> list[tuple[float, float]]:
-    """Return the times in which a limb is touched, FELT_GRACE included [s]: in order, none overlaps another."""
+def _touched(take: Take, limb: str | None = None) -> list[tuple[float, float]]:
+    """Return the times in which a limb, or any, is touched, FELT_GRACE included [s]: in order, without overlap."""
     spans: list[tuple[float, float]] = []
-    for touch in sorted((t for t in take.touches if t.limb == limb), key=lambda t: t.onset):
+    touches = [touch for touch in take.touches if limb is None or touch.limb == limb]
+    for touch in sorted(touches, key=lambda t: t.onset):
         start = max(touch.onset, take.start)
         end = min(touch.release + FELT_GRACE, take.end)
         if spans and start <= spans[-1][1]:
@@ -457,7 +472,12 @@ def _touched(take: Take, limb: str) -> list[tuple[float, float]]:
     return spans
 
 
-def _idle(track: _Track, touched: dict[str, list[tuple[float, float]]], take_end: float) -> float:
+def _idle(
+    track: _Track,
+    touched: dict[str, list[tuple[float, float]]],
+    anywhere: list[tuple[float, float]],
+    take_end: float,
+) -> float:
     """Time of a contact on limbs that nothing touches [s]."""
     last = take_end if track.end is None else track.end
     times = [*(event.time for event in track.events), last]
@@ -465,7 +485,7 @@ def _idle(track: _Track, touched: dict[str, list[tuple[float, float]]], take_end
     for event, start, end in zip(track.events, times, times[1:], strict=False):
         # An end is dated back, perhaps before the last update.
         if event.kind != "rebound" and start < end:
-            spans = touched.get(event.limb, [])
+            spans = touched.get(event.limb, []) if event.limb_known else anywhere
             idle += end - start
             idle -= sum(max(0.0, min(end, stop) - max(start, begin)) for begin, stop in spans)
     return idle

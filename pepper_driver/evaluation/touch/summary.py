@@ -466,6 +466,7 @@ def _false(takes: Sequence[TakeScore]) -> FalseContacts:
     return replace(
         whole,
         told_rebounds=sum(take.rebounds for take in takes),
+        open_limbs=sum(take.open_limbs for take in takes),
         seconds=idle,
         seconds_per_hour=idle / hours if hours > 0.0 else None,
         share_of_time=idle / (3600.0 * hours) if hours > 0.0 else None,

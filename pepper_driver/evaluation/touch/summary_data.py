@@ -170,6 +170,7 @@ class FalseContacts:
         after_release, other_touched, rebounds: Those of them that came late after a release on the limb, while another
             limb was touched, and that called themselves a rebound.
         told_rebounds: Rebounds that were told as such; they are not false.
+        open_limbs: Contacts that left their limb open while another one was touched; they are neither right nor false.
         hours: In which a contact could have been false [h].
         begin_rate, rate: Of begins, and of begins and moves together.
         seconds: Time in contacts that were none [s]; None where it is not known apart.
@@ -182,6 +183,7 @@ class FalseContacts:
     other_touched: int
     rebounds: int
     told_rebounds: int | None
+    open_limbs: int | None = None
     hours: float
     begin_rate: Rate
     rate: Rate

@@ -54,8 +54,10 @@ class Player:
             ROBOT, SETTINGS, lambda joint, sign, threshold: max(self.k - 2, 0) * CYCLE
         )
 
-    def play(self, ticks: int, base: float = 0.0, **residuals: float) -> list[Contact]:
-        """Events of so many ticks in which all other residuals are zero."""
+    def play(
+        self, ticks: int, base: float = 0.0, *, hides: tuple[str, ...] = (), **residuals: float
+    ) -> list[Contact]:
+        """Events of so many ticks in which all other residuals are zero, and friction holds some joints."""
         ratio = np.zeros(JOINTS)
         for name, value in residuals.items():
             ratio[ROBOT.joint_index(name)] = value
@@ -69,6 +71,7 @@ class Player:
             torque_std=np.where(np.isnan(ratio), np.nan, 0.1),
             friction_band=np.zeros(JOINTS),
             blind=np.isnan(ratio),
+            hides=np.isin(ROBOT.joint_names, hides),
             base_raw=base,
             base_residual=base,
         )
@@ -276,6 +279,35 @@ def test_an_arm_that_detects_a_push_later_than_the_trunk_takes_its_contact_over(
     assert {event.id for event in events} == {1}
     assert {event.joint for event in events} == {"LElbowRoll"}
     assert events[-1].phase == "end"
+
+
+@pytest.mark.parametrize(
+    ("hides", "known"),
+    [((), True), (("RElbowYaw",), False), (("HeadYaw",), False), (("KneePitch",), True)],
+)
+@pytest.mark.parametrize("trunk", [{"base": 1.5}, {"HipRoll": 2.0}])
+def test_the_limb_of_what_the_trunk_shows_is_known_where_no_limb_may_hide_a_touch(
+    trunk: dict[str, float], hides: tuple[str, ...], known: bool
+) -> None:
+    player = Player()
+    [begin] = player.play(1 + HELD, hides=hides, **trunk)
+    assert (begin.limb, begin.limb_known) == (TRUNK, known)
+    # That of an arm that detects it is known in any case.
+    [moved] = player.play(1, hides=hides, **trunk, LElbowRoll=-3.0)
+    assert (moved.id, moved.limb, moved.limb_known) == (begin.id, "left_arm", True)
+    [end] = [event for event in player.play(QUIET, hides=hides) if event.phase == "end"]
+    assert end.limb_known
+
+
+def test_a_limb_that_could_hide_a_touch_as_it_began_leaves_it_open() -> None:
+    player = Player()
+    player.play(1, base=1.5, hides=("LElbowRoll",))
+    [begin] = player.play(HELD, base=1.5)
+    assert not begin.limb_known
+    [end] = player.play(QUIET)
+    assert not end.limb_known
+    [other] = player.play(1 + HELD, base=1.5)
+    assert other.limb_known
 
 
 def test_later_the_arm_has_a_contact_of_its_own() -> None:

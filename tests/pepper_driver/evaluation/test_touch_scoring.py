@@ -104,6 +104,24 @@ def test_an_event_is_right_a_rebound_or_false(
     assert result.false_moves == 0
 
 
+@pytest.mark.parametrize(
+    ("time", "limb", "verdict"),
+    [(10.5, "left_arm", "open"), (10.5, "trunk", "right"), (9.99, "left_arm", "false")],
+)
+def test_a_contact_that_leaves_its_limb_open_is_right_on_the_trunk_alone(
+    time: float, limb: str, verdict: str
+) -> None:
+    """While another limb is touched it is no false one, but nothing is felt by it."""
+    events = begins(time, limb="trunk", joint=None, limb_known=False)
+    result = scored([touch(10.0, 11.0, limb=limb)], events)
+    counts = {"right": result.right, "open": result.open_limbs, "false": result.false_begins}
+    assert counts == {**dict.fromkeys(counts, 0), verdict: 1}
+    [one] = result.touches
+    assert one.felt == (verdict == "right")
+    assert one.first_limb == (True if verdict == "right" else None)
+    assert result.idle_contact == pytest.approx(0.01 if verdict == "false" else 0.0)
+
+
 def test_false_events_keep_what_may_have_caused_them() -> None:
     touches = [touch(10.0, 11.0), touch(20.0, 30.0, limb="head", torque={})]
     events = [

@@ -115,7 +115,7 @@ def test_a_contact_of_an_earlier_version_has_no_force() -> None:
         "point_covariance",
         "scale_known",
     )
-    nothing: dict[str, Any] = dict.fromkeys(names)
+    nothing: dict[str, Any] = {**dict.fromkeys(names), "limb_known": True}
     message = json.loads(CONTACTS.encode(contact))
     old = {name: value for name, value in message.items() if name not in nothing}
     assert CONTACTS.decode(json.dumps(old).encode()) == replace(contact, **nothing)
