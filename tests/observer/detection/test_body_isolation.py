@@ -48,16 +48,15 @@ class Player:
 
     def __init__(self) -> None:
         self.k = 0
+        self.hide: tuple[str, ...] = ()
         self.states = [JointState.BLIND] * JOINTS
         self.settled = [False] * JOINTS
         self.tracker = BodyTracker(
             ROBOT, SETTINGS, lambda joint, sign, threshold: max(self.k - 2, 0) * CYCLE
         )
 
-    def play(
-        self, ticks: int, base: float = 0.0, *, hides: tuple[str, ...] = (), **residuals: float
-    ) -> list[Contact]:
-        """Events of so many ticks in which all other residuals are zero, and friction holds some joints."""
+    def play(self, ticks: int, base: float = 0.0, **residuals: float) -> list[Contact]:
+        """Events of so many ticks in which all other residuals are zero, and friction holds joints that hide."""
         ratio = np.zeros(JOINTS)
         for name, value in residuals.items():
             ratio[ROBOT.joint_index(name)] = value
@@ -71,7 +70,7 @@ class Player:
             torque_std=np.where(np.isnan(ratio), np.nan, 0.1),
             friction_band=np.zeros(JOINTS),
             blind=np.isnan(ratio),
-            hides=np.isin(ROBOT.joint_names, hides),
+            hides=np.isin(ROBOT.joint_names, self.hide),
             base_raw=base,
             base_residual=base,
         )
@@ -290,18 +289,21 @@ def test_the_limb_of_what_the_trunk_shows_is_known_where_no_limb_may_hide_a_touc
     trunk: dict[str, float], hides: tuple[str, ...], known: bool
 ) -> None:
     player = Player()
-    [begin] = player.play(1 + HELD, hides=hides, **trunk)
+    player.hide = hides
+    [begin] = player.play(1 + HELD, **trunk)
     assert (begin.limb, begin.limb_known) == (TRUNK, known)
     # That of an arm that detects it is known in any case.
-    [moved] = player.play(1, hides=hides, **trunk, LElbowRoll=-3.0)
+    [moved] = player.play(1, **trunk, LElbowRoll=-3.0)
     assert (moved.id, moved.limb, moved.limb_known) == (begin.id, "left_arm", True)
-    [end] = [event for event in player.play(QUIET, hides=hides) if event.phase == "end"]
+    [end] = [event for event in player.play(QUIET) if event.phase == "end"]
     assert end.limb_known
 
 
 def test_a_limb_that_could_hide_a_touch_as_it_began_leaves_it_open() -> None:
     player = Player()
-    player.play(1, base=1.5, hides=("LElbowRoll",))
+    player.hide = ("LElbowRoll",)
+    player.play(1, base=1.5)
+    player.hide = ()
     [begin] = player.play(HELD, base=1.5)
     assert not begin.limb_known
     [end] = player.play(QUIET)
