@@ -45,7 +45,7 @@ MAX_CHANGE = 3.0
 REST_SPEED = 0.02
 """[rad/s] Speed up to which a joint counts as at rest: friction may hold it."""
 
-MOTION_MEMORY = 0.5
+MOTION_MEMORY = 0.2
 """[s] For which a joint still counts as moving: its model settles."""
 
 LIMITED_FACTOR = 2.0
