@@ -139,7 +139,7 @@ MAX_STRAY = np.radians(4.0)
 LIMITED_RATIO = 1.5
 """Factor on the needed torque beyond which the current counts as an answer to such an output: boards have limits."""
 
-ANSWER_TICKS = 2
+ANSWER_TICKS = 3
 """For which the current must have shown it: boards sometimes follow another target for a moment."""
 
 

@@ -88,8 +88,10 @@ def test_it_is_the_smaller_of_both_and_nothing_where_their_signs_differ(
         for part in (FusionParts(), BY_MODEL, BY_CURRENT)
     )
     smaller = np.minimum(np.abs(model), np.abs(shown))
-    np.testing.assert_array_equal(np.abs(both), np.where(model * shown > 0.0, smaller, 0.0))
-    agree = both != 0.0
+    # The product of the smallest numbers is 0.
+    expected = np.where(model * shown > 0.0, smaller, 0.0)
+    np.testing.assert_allclose(np.abs(both), expected, rtol=0.0, atol=1e-100)
+    agree = np.abs(both) > 1e-100
     np.testing.assert_array_equal(np.sign(both[agree]), np.sign(model[agree]))
 
 
