@@ -48,6 +48,9 @@ CONFIRMING_TICKS = 12
 DOUBT_TICKS = 25
 """For which a joint must rest off its place to be in doubt: a touch shows in its current a moment later."""
 
+STRAY_FACTOR = 2.0
+"""On the threshold of a joint in doubt, until the first channel is within it again: its friction may have any sign."""
+
 BIAS_TIME = 15.0
 """[s] Time constant with which the bias of a free joint follows its residual: loads differ from those identified."""
 
@@ -323,13 +326,14 @@ class FusionGenerator:
         self._torque.reset()
         self._derivatives.reset()
         self._median.reset()
-        self._channels["answered"] = 0
+        self._channels["answered"], self._channels["loaded"] = 0, 0
         if self._base is not None:
             self._base.reset()
         self._blind_ticks = np.zeros(n, dtype=np.int64)
         self._blind_countdown = 0
         self._base_quiet, self._confirming, self._untouched = CONFIRMING_TICKS, 0, True
         self._doubt_ticks = np.zeros(n, dtype=np.int64)
+        self._strays = np.zeros(n, dtype=np.bool_)
         self._change, self._bias = np.zeros(n), np.zeros(n)
         self._hands = np.zeros(n, dtype=np.int64)
         self._settling_ticks = np.zeros(n, dtype=np.int64)
@@ -382,8 +386,10 @@ class FusionGenerator:
         if bad is not None:
             raw[bad] = np.nan
         blind = self._blind(bad, measured)
-        threshold = self._threshold.step(contiguous(prediction.speed), limited)
-        alone = threshold.copy()
+        own = self._threshold.step(contiguous(prediction.speed), limited)
+        # Where a board follows another target, the current alone can show a touch.
+        alone = np.where(self._strays, STRAY_FACTOR * own, own)
+        threshold = alone.copy()
         base = (np.nan, np.nan)
         if self._base is not None:
             base = self._base.step(tick, late_ticks > 0, lost)
@@ -413,7 +419,7 @@ class FusionGenerator:
             torque_std=torque_std,
             friction_band=band,
             blind=blind,
-            doubtful=self._doubtful(both[:n], filtered, alone, blind),
+            doubtful=self._doubtful(both[:n], filtered, own, blind),
             hides=blind | (band > alone),
             base_raw=base[0],
             base_residual=base[1],
@@ -443,6 +449,7 @@ class FusionGenerator:
         off &= ~(self._threshold.moving | blind)
         self._doubt_ticks = np.where(off, self._doubt_ticks + 1, 0)
         doubtful: BoolArray = self._doubt_ticks >= DOUBT_TICKS
+        self._strays = (self._strays | doubtful) & (np.abs(model) > threshold)
         return doubtful
 
     def _blind(self, bad: BoolArray | None, measured: FloatArray) -> BoolArray:

@@ -143,6 +143,14 @@ ANSWER_TICKS = 3
 """For which the current must have shown it: boards sometimes follow another target for a moment."""
 
 
+MIN_LOAD = np.radians(0.4)
+"""[rad] Torque / K of a current that does not pass zero just now, as it does when it reverses; it is smoothed."""
+
+REVERSAL_TICKS = 25
+"""After a smaller current, in which an output may begin to determine the sign. At the stray target of a board, which
+rests, the current does not reverse."""
+
+
 class CurrentChannel:
     """Constants and state of the current of one joint; the constants of a joint without parameters are NaN.
 
@@ -153,7 +161,8 @@ class CurrentChannel:
         torque_per_ampere: Motor torque / K per current [rad/A].
         back_emf: Part of the law of the board per speed [s].
         by_current: True if the current shows the torque of the motor.
-        answered: Ticks for which the current has shown the output of the board's law.
+        answered: Ticks for which the current has shown the output of the board's law, with the sign of this output.
+        loaded: Ticks for which it has been larger than MIN_LOAD.
     """
 
     inertia: float
@@ -163,6 +172,7 @@ class CurrentChannel:
     back_emf: float
     by_current: bool
     answered: int
+    loaded: int
 
 
 def current_channels(models: Sequence[FusionModel | None]) -> Records[CurrentChannel]:
@@ -209,10 +219,14 @@ def current_residual(
     p = channels[j]
     needed = p.inertia * acceleration + p.lag * velocity + resistance + p.offset
     size, output = p.torque_per_ampere * current, drive - p.back_emf * velocity
+    p.loaded = p.loaded + 1 if size > MIN_LOAD else 0
     answers = abs(output) > MIN_DRIVE and size > ANSWER_RATIO * abs(output)
+    side = 1 if output > 0.0 else -1
+    before = max(side * p.answered, 0)
+    answers = answers and (before > 0 or p.loaded <= REVERSAL_TICKS)
     answers = answers or (abs(output) > MAX_STRAY and size > LIMITED_RATIO * abs(needed))
-    p.answered = p.answered + 1 if answers else 0
-    motor = math.copysign(size, output if p.answered >= ANSWER_TICKS else needed)
+    p.answered = side * (before + 1) if answers else 0
+    motor = math.copysign(size, output if abs(p.answered) >= ANSWER_TICKS else needed)
     return motor - needed, motor
 
 

@@ -203,7 +203,8 @@ class RobotSteps:
         }
 
     def identify(self) -> Mapping[str, Figure]:
-        """Record free motion, fit models; runs that look touched may be recorded again."""
+        """Record free motion, fit models; runs that look touched may be recorded again, each once."""
+        offered: set[str] = set()
         while True:
             self._record()
             with self.display.bar("fitting models: the robot rests meanwhile"):
@@ -212,10 +213,17 @@ class RobotSteps:
             touched = sorted(
                 {one.run for one in result.findings if one.kind == "contact" and one.run}
             )
-            doubt = (
-                f"{len(touched)} runs look as if a person touched the robot: {', '.join(touched)}"
-            )
-            if not (touched and self._repeat(touched, doubt)):
+            again = offered.intersection(touched)
+            if again:
+                self.display.line(
+                    f"{', '.join(sorted(again))}: looks touched again, and is kept; if nothing touched the robot, it "
+                    "moves so by itself"
+                )
+            fresh = [run for run in touched if run not in offered]
+            offered.update(fresh)
+            look = "looks" if len(fresh) == 1 else "look"
+            doubt = f"{', '.join(fresh)} {look} as if a person touched the robot"
+            if not (fresh and self._repeat(fresh, doubt)):
                 break
         models = self.folder / PLACES["models"]
         set_aside(models)

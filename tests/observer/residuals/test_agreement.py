@@ -18,6 +18,7 @@ from pepper_driver.observer.models.fusion_model import MomentumParameters
 from pepper_driver.observer.residuals.fusion import (
     BIAS_TIME,
     DOUBT_TICKS,
+    STRAY_FACTOR,
     FusionGenerator,
     FusionParts,
 )
@@ -250,6 +251,30 @@ def test_a_joint_in_doubt_is_free_again_when_its_error_is_gone() -> None:
     assert set(seen[130:150]) == {JointState.DOUBTFUL}
     assert set(seen[155:]) == {JointState.FREE}
     assert events == []
+
+
+def test_a_joint_in_doubt_needs_more_until_its_error_is_gone() -> None:
+    """Its friction may have any sign, also when it moves on."""
+    first, second = swing(3.0, rest=2.0), swing(4.0, rest=1.0)
+    motion = Motion(
+        **{
+            name: np.concatenate([getattr(first, name), getattr(second, name)])
+            for name in ("position", "velocity", "acceleration", "load")
+        }
+    )
+    made = ticks_of(motion, drive(motion))
+    rests, moves = round(3.0 / CYCLE) + 50, len(first) + 50
+    for one in made[rests : moves + 100]:
+        one.measurement.position[ELBOW] -= 0.04
+    target = fusion_observer(parts=FusionParts(limbs=False))
+    seen = [target.step(one) for one in made]
+    assert all(one.contacts == () for one in seen)
+    factor = np.array([one.threshold[ELBOW] for one in seen]) / seen[0].threshold[ELBOW]
+    begin = rests + SETTINGS.fusion_window // 2 + DOUBT_TICKS
+    np.testing.assert_allclose(factor[:begin], 1.0)
+    assert np.abs(motion.velocity[moves : moves + 100]).max() > 0.3
+    np.testing.assert_allclose(factor[begin : moves + 100], STRAY_FACTOR)
+    np.testing.assert_allclose(factor[moves + 110 :], 1.0)
 
 
 def test_nothing_is_learned_from_a_joint_in_doubt() -> None:

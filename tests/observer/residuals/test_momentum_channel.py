@@ -17,6 +17,8 @@ from pepper_driver.observer.residuals.momentum import (
     ANSWER_RATIO,
     ANSWER_TICKS,
     MIN_DRIVE,
+    MIN_LOAD,
+    REVERSAL_TICKS,
     SMOOTHING_TIME,
     CurrentChannel,
     ErrorDerivatives,
@@ -142,6 +144,26 @@ def test_a_touch_that_reverses_the_motor_is_found_once_the_current_has_answered(
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(
+    ("ticks", "reverses"), [(0, True), (REVERSAL_TICKS - 1, True), (REVERSAL_TICKS, False)]
+)
+def test_a_current_that_has_not_passed_zero_has_not_reversed(
+    side: float, ticks: int, reverses: bool
+) -> None:
+    """It carries a load; then the board strays to the other side by as much as the current is large."""
+    resistance, motor = side * 0.02 - CURRENT.offset, side * 0.025
+    channels = channel()
+    residual(channels, 0.9 * MIN_LOAD, drive=0.0, resistance=resistance)
+    if ticks:
+        residual(channels, motor, drive=motor, resistance=resistance, ticks=ticks)
+    found, given_motor = residual(
+        channels, motor, drive=-motor, resistance=resistance, ticks=3 * ANSWER_TICKS
+    )
+    assert given_motor == pytest.approx(-motor if reverses else motor)
+    assert found == pytest.approx(given_motor - side * 0.02)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
 @pytest.mark.parametrize("answer", [0.0, 0.3, 0.98])
 def test_a_board_that_follows_another_target_makes_a_small_residual(
     side: float, answer: float
@@ -177,7 +199,7 @@ def test_joints_keep_to_their_own_constants_and_state() -> None:
             found, _ = current_residual(channels, j, 2.0, -0.1 if j == 0 else 0.0, 0.0, 0.0, 0.05)
             if j == 1:
                 assert np.isnan(found)
-    np.testing.assert_array_equal(channels["answered"], [ANSWER_TICKS, 0, 0])
+    np.testing.assert_array_equal(channels["answered"], [-ANSWER_TICKS, 0, 0])
     assert current_residual(channels, 0, 2.0, -0.1, 0.0, 0.0, 0.05)[0] == pytest.approx(-0.152)
 
 

@@ -4,6 +4,7 @@ import json
 import zipfile
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from pepper_driver.first_hour.state import STATE, load_state, save_state
 from pepper_driver.first_hour.steps import RobotSteps
 from pepper_driver.identification import fit_folder, load_recordings
 from pepper_driver.identification.identify import OnTouch, Repeat
+from pepper_driver.identification.quality import Finding
 from pepper_driver.log import LogWriter, read_log
 from pepper_driver.log.topics import LogEvent
 from pepper_driver.loop import Labelling
@@ -257,6 +259,39 @@ def test_a_touch_in_a_run_is_shown_at_once_and_the_run_is_offered_again(
         steps_on("mock", tmp_path, plan, operator).measure()
     assert f"{sensor} is pressed in run measure_response-1" in capsys.readouterr().out
     assert operator.questions == [f"{sensor} pressed in run measure_response-1. Record it again?"]
+
+
+def test_a_run_that_looks_touched_is_offered_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What looks so again after nothing touched the robot is its own doing: an hour must come to its end."""
+    looks = [("calibration-4",), ("calibration-3", "calibration-4"), ("calibration-3",)]
+    recorded: list[bool] = []
+
+    def fitted(*_: Any, **__: Any) -> SimpleNamespace:
+        findings = [
+            Finding(kind="contact", joint="LElbowRoll", run=name, text="looks touched")
+            for name in looks[len(recorded) - 1]
+        ]
+        return SimpleNamespace(
+            findings=findings,
+            fits={"fusion": {"LElbowRoll": SimpleNamespace(test=90.0)}},
+            sensitivities={"LElbowRoll": SimpleNamespace(threshold=0.01)},
+            blind=(),
+            models=ModelSet.load(shipped("fusion")["nominal"]),
+        )
+
+    monkeypatch.setattr(steps_module, "record_joints", lambda *_, **__: recorded.append(True))
+    monkeypatch.setattr(steps_module, "fit_folder", fitted)
+    monkeypatch.setattr(ConsoleDisplay, "identification", lambda *_: None)
+    operator = Willing()
+    steps = steps_on("mock", tmp_path, hour_plan(tiny_plan(tmp_path)), operator)
+    figures = steps.identify()
+    assert len(recorded) == len(looks)
+    assert operator.questions == ["Record this again?"] * 2
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "calibration-4: looks touched again, and is kept" in shown
+    assert figures["touched"] == ("calibration-3",)
 
 
 def test_earlier_attempts_keep_their_files(tmp_path: Path) -> None:
