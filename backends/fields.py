@@ -172,7 +172,7 @@ def _command(meaning: str) -> tuple[TickField, ...]:
     )
 
 
-_STATES = "0 free, 1 contact, 2 release, 3 rebound, 4 settling, 5 blind, 6 doubtful"
+_STATES = "0 free, 1 contact, 2 release, 3 rebound, 4 blind, 5 doubtful"
 _RESPONSE_DELAY = "ticks before this one in which the command was given that this sample answers; -1 for response_delay"
 _STEP = "number of the tick since the log began, also of ticks not in it"
 _PACED = "from the deadline of the tick to its end; NaN where not paced"

@@ -73,7 +73,7 @@ CONSTANTS: dict[str, tuple[str, ...]] = {
         "ANSWER_RATIO",
         "MIN_DRIVE",
         "ANSWER_TICKS",
-        "MIN_LOAD",
+        "REVERSAL_RATIO",
         "REVERSAL_TICKS",
         "MAX_STRAY",
         "LIMITED_RATIO",

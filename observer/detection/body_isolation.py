@@ -105,8 +105,9 @@ class BodyTracker:
       RELATIVE_RATIO of the limb's largest. The last RATIO_MEMORY ticks count. Joints beyond the contact are shaken, but
       less. The joint is determined at the detection and again REISOLATION_TIMES later. Then it changes only if it
       becomes blind.
-    - The trunk carries the limbs. Residuals of its joints belong to the contact on a limb if that contact exists now or
-      existed when they began. While friction may hide a touch on a limb, the limb of what the base shows is not known.
+    - The trunk carries the limbs. Residuals of its joints belong to the contact on a limb if that contact exists now,
+      existed when they began, or ended at most ``rebound_window`` before. While friction may hide a touch on a limb,
+      the limb of what the base shows is not known.
     - A contact that begins on the trunk is reported TRUNK_REPORT_DELAY later. If a limb detects it until then, it is
       reported on that limb at once. If a limb detects it later, within the last of REISOLATION_TIMES, it moves there
       and keeps its id.
@@ -126,6 +127,7 @@ class BodyTracker:
         self._robot = robot
         self._names = robot.joint_names
         self._collision = settings.collision_factor
+        self._rebound_window = settings.rebound_window + TIME_TOLERANCE
         self._update_period = settings.update_period - TIME_TOLERANCE
         self._limbs: dict[str, _Limb] = {}
         for name, chain in robot.limbs.items():
@@ -226,12 +228,18 @@ class BodyTracker:
         live = trunk.live()
         if not live:
             trunk.explained = False
-        elif trunk.contact is None and any(limb.contact is not None for limb in self._outer):
+        elif trunk.contact is None and any(self._touched(limb, time) for limb in self._outer):
             trunk.explained = True
         elif trunk.contact is not None and self._drove_off(trunk.contact):
             trunk.contact, trunk.explained = None, True
         if not trunk.explained:
             self._update_limb(trunk, time, events)
+
+    def _touched(self, limb: _Limb, time: float) -> bool:
+        """Return True if a limb is touched, or was just let go: this shakes the trunk as well."""
+        if limb.contact is not None:
+            return True
+        return limb.last is not None and time - limb.last_end <= self._rebound_window
 
     def _drove_off(self, contact: BodyContact) -> bool:
         """Return True for a contact on the standing base that drives before it is reported: a command has moved it.

@@ -326,7 +326,8 @@ class FusionGenerator:
         self._torque.reset()
         self._derivatives.reset()
         self._median.reset()
-        self._channels["answered"], self._channels["loaded"] = 0, 0
+        for name in ("answered", "recent", "steady"):
+            self._channels[name] = 0
         if self._base is not None:
             self._base.reset()
         self._blind_ticks = np.zeros(n, dtype=np.int64)

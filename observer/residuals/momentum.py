@@ -143,12 +143,12 @@ ANSWER_TICKS = 3
 """For which the current must have shown it: boards sometimes follow another target for a moment."""
 
 
-MIN_LOAD = np.radians(0.4)
-"""[rad] Torque / K of a current that does not pass zero just now, as it does when it reverses; it is smoothed."""
+REVERSAL_RATIO = 0.7
+"""Fraction of its recent size below which a current may be reversing: it passes zero then, and is smoothed."""
 
 REVERSAL_TICKS = 25
-"""After a smaller current, in which an output may begin to determine the sign. At the stray target of a board, which
-rests, the current does not reverse."""
+"""After that, in which an output may begin to determine the sign: at the stray target of a board, which rests, the
+current does not reverse. Also the time constant of the recent size."""
 
 
 class CurrentChannel:
@@ -162,7 +162,8 @@ class CurrentChannel:
         back_emf: Part of the law of the board per speed [s].
         by_current: True if the current shows the torque of the motor.
         answered: Ticks for which the current has shown the output of the board's law, with the sign of this output.
-        loaded: Ticks for which it has been larger than MIN_LOAD.
+        recent: Recent size of its torque / K [rad].
+        steady: Ticks for which it has not fallen below REVERSAL_RATIO of this size.
     """
 
     inertia: float
@@ -172,7 +173,8 @@ class CurrentChannel:
     back_emf: float
     by_current: bool
     answered: int
-    loaded: int
+    recent: float
+    steady: int
 
 
 def current_channels(models: Sequence[FusionModel | None]) -> Records[CurrentChannel]:
@@ -219,11 +221,12 @@ def current_residual(
     p = channels[j]
     needed = p.inertia * acceleration + p.lag * velocity + resistance + p.offset
     size, output = p.torque_per_ampere * current, drive - p.back_emf * velocity
-    p.loaded = p.loaded + 1 if size > MIN_LOAD else 0
+    p.recent = max(size, p.recent * (1.0 - 1.0 / REVERSAL_TICKS))
+    p.steady = p.steady + 1 if size > max(REVERSAL_RATIO * p.recent, MIN_DRIVE) else 0
     answers = abs(output) > MIN_DRIVE and size > ANSWER_RATIO * abs(output)
     side = 1 if output > 0.0 else -1
     before = max(side * p.answered, 0)
-    answers = answers and (before > 0 or p.loaded <= REVERSAL_TICKS)
+    answers = answers and (before > 0 or p.steady <= REVERSAL_TICKS)
     answers = answers or (abs(output) > MAX_STRAY and size > LIMITED_RATIO * abs(needed))
     p.answered = side * (before + 1) if answers else 0
     motor = math.copysign(size, output if abs(p.answered) >= ANSWER_TICKS else needed)

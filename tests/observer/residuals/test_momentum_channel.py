@@ -17,7 +17,7 @@ from pepper_driver.observer.residuals.momentum import (
     ANSWER_RATIO,
     ANSWER_TICKS,
     MIN_DRIVE,
-    MIN_LOAD,
+    REVERSAL_RATIO,
     REVERSAL_TICKS,
     SMOOTHING_TIME,
     CurrentChannel,
@@ -153,7 +153,8 @@ def test_a_current_that_has_not_passed_zero_has_not_reversed(
     """It carries a load; then the board strays to the other side by as much as the current is large."""
     resistance, motor = side * 0.02 - CURRENT.offset, side * 0.025
     channels = channel()
-    residual(channels, 0.9 * MIN_LOAD, drive=0.0, resistance=resistance)
+    residual(channels, motor, drive=motor, resistance=resistance)
+    residual(channels, 0.9 * REVERSAL_RATIO * motor, drive=0.0, resistance=resistance)
     if ticks:
         residual(channels, motor, drive=motor, resistance=resistance, ticks=ticks)
     found, given_motor = residual(

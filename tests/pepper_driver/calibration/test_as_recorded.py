@@ -266,8 +266,10 @@ def test_models_of_another_robot_raise_contacts_and_its_own_hardly_any() -> None
         plant, runs = small_bench(name)
         counted = false_contacts(ROBOT, runs, models, plant.response_delay, workers=1)
         assert sum(counted.by_joint.values()) == counted.count
-        rates[name] = counted.per_hour
-    assert rates["nominal"] < 300.0
+        # As recorded there is no inertial unit, and the base is not what differs.
+        limbs = [count for link, count in counted.by_joint.items() if link in ROBOT.joint_names]
+        rates[name] = sum(limbs) / counted.count * counted.per_hour
+    assert rates["nominal"] < 100.0
     assert rates["plateau"] > 500.0
 
 
