@@ -246,8 +246,7 @@ class BodyTracker:
 
         Wheels may answer sooner than joints, and commands are paired with the answers of joints.
         """
-        drives = self._residuals.base_drives and not contact.driving
-        return drives and contact.number is None
+        return self._residuals.base_drives and not contact.driving and contact.number is None
 
     def _hides_touches(self) -> bool:
         """Return True if a joint of a limb may hide a touch that shakes the trunk."""

@@ -142,7 +142,6 @@ LIMITED_RATIO = 1.5
 ANSWER_TICKS = 3
 """For which the current must have shown it: boards sometimes follow another target for a moment."""
 
-
 REVERSAL_RATIO = 0.7
 """Fraction of its recent size below which a current may be reversing: it passes zero then, and is smoothed."""
 
