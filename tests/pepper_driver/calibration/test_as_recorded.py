@@ -268,7 +268,7 @@ def test_models_of_another_robot_raise_contacts_and_its_own_hardly_any() -> None
         assert sum(counted.by_joint.values()) == counted.count
         # As recorded there is no inertial unit, and the base is not what differs.
         limbs = [count for link, count in counted.by_joint.items() if link in ROBOT.joint_names]
-        rates[name] = sum(limbs) / counted.count * counted.per_hour
+        rates[name] = 60.0 * sum(limbs) / counted.minutes
     assert rates["nominal"] < 100.0
     assert rates["plateau"] > 500.0
 
