@@ -387,9 +387,10 @@ def numb_joints(models: ModelSet) -> tuple[str, ...]:
 
 
 def limb_numbers(robot: RobotConfig) -> IntArray:
-    """Return (n,) the number of the limb of each joint."""
+    """Return (n,) the number of the limb of each joint, 0 for the trunk."""
     numbers = np.empty(len(robot.joint_names), dtype=np.int64)
-    for number, joints in enumerate(robot.limbs.values()):
+    order = (TRUNK, *(name for name in robot.limbs if name != TRUNK))
+    for number, joints in enumerate(robot.limbs[name] for name in order):
         numbers[[robot.joint_index(joint) for joint in joints]] = number
     return numbers
 

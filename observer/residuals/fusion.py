@@ -51,6 +51,9 @@ DOUBT_TICKS = 25
 STRAY_FACTOR = 2.0
 """On the threshold of a joint in doubt, until the first channel is within it again: its friction may have any sign."""
 
+MAX_LAG = 0.0015
+"""[rad] by which a board may hold its target behind the command: beyond it, the desired load is of another motion."""
+
 BIAS_TIME = 15.0
 """[s] Time constant with which the bias of a free joint follows its residual: loads differ from those identified."""
 
@@ -113,7 +116,7 @@ def _combine(
         by_current, motor = current_residual(
             channels,
             j,
-            current[j] if good[j] else 0.0,
+            current[j],
             board_error + joint.board_integral,
             velocity[j] - change[j],
             acceleration[j] - curvature,
@@ -249,12 +252,15 @@ class FusionGenerator:
     - if it has no model;
     - if its stiffness is below MIN_OBSERVED_STIFFNESS;
     - if its sample is later than MAX_LATE_TICKS;
-    - if a value is not finite.
+    - if a value is not finite;
+    - if a board of its limb or of the trunk holds its target more than MAX_LAG behind the command; a joint of the trunk
+      also if a board of any limb does.
 
     It stays blind until the median window has none of these samples. Its model then starts from the measured position.
 
     A joint is in doubt if its command has rested for DOUBT_TICKS and more while the first channel alone was beyond the
-    threshold: it rests off its place, and its motor does not work against that.
+    threshold: it rests off its place, and its motor does not work against that. Until the first channel is within the
+    threshold again, and for DOUBT_TICKS after it was blind, its threshold is STRAY_FACTOR times as high.
 
     Args:
         models: By joint, None for those without.
@@ -262,7 +268,7 @@ class FusionGenerator:
         window: Samples of the median.
         false_contacts: That are allowed in an hour.
         adapt: True to follow bias and spread of the robot of today.
-        limbs: (n,) number of the limb of each joint; None to judge each joint alone.
+        limbs: (n,) number of the limb of each joint, 0 for the trunk; None to judge each joint alone.
         base: Residual of the base, None without a model of it.
         stiffness: (n,) K of torque estimates [N m/rad]; None for that of the models, by the documented masses.
         motor_torque: (n,) largest torque of the motors, at the joints [N m].
@@ -301,6 +307,7 @@ class FusionGenerator:
             adapt=adapt,
         )
         self.bounds = self._threshold.bounds
+        self._carries = _carries(n, limbs)
         self._limbs = limbs if limbs is not None and parts.limbs else np.arange(n)
         self._limb_count = int(self._limbs.max()) + 1
         self._torque = TorqueEstimate(
@@ -334,7 +341,7 @@ class FusionGenerator:
         self._blind_countdown = 0
         self._base_quiet, self._confirming, self._untouched = CONFIRMING_TICKS, 0, True
         self._doubt_ticks = np.zeros(n, dtype=np.int64)
-        self._strays = np.zeros(n, dtype=np.bool_)
+        self._stray_ticks = np.zeros(n, dtype=np.int64)
         self._change, self._bias = np.zeros(n), np.zeros(n)
         self._hands = np.zeros(n, dtype=np.int64)
         self._settling_ticks = np.zeros(n, dtype=np.int64)
@@ -371,6 +378,10 @@ class FusionGenerator:
         self._predictor.step(target, load_torque, velocity, acceleration, measured)
         # A late sample is the response to an older command.
         prediction = self._predictor.before(late_ticks)
+        behind = np.abs(prediction.target - prediction.board_target) > MAX_LAG
+        falls_behind = bool(np.count_nonzero(behind))
+        if falls_behind:
+            good &= ~self._carries[behind].any(axis=0)
         channels, count = self._residuals(prediction, measured, current, good)
         if not self._parts.model:
             channels[:n] = channels[n:]
@@ -389,11 +400,11 @@ class FusionGenerator:
         blind = self._blind(bad, measured)
         own = self._threshold.step(contiguous(prediction.speed), limited)
         # Where a board follows another target, the current alone can show a touch.
-        alone = np.where(self._strays, STRAY_FACTOR * own, own)
+        alone = np.where(self._stray_ticks > 0, STRAY_FACTOR * own, own)
         threshold = alone.copy()
         base = (np.nan, np.nan)
         if self._base is not None:
-            base = self._base.step(tick, late_ticks > 0, lost)
+            base = self._base.step(tick, late_ticks > 0, lost, falls_behind)
             threshold *= self._confirmation(base[1])
         self._join_limbs(self._limbs, self._limb_count, filtered, threshold)
         self._follow_hands(both, threshold, self._hands, filtered)
@@ -450,7 +461,8 @@ class FusionGenerator:
         off &= ~(self._threshold.moving | blind)
         self._doubt_ticks = np.where(off, self._doubt_ticks + 1, 0)
         doubtful: BoolArray = self._doubt_ticks >= DOUBT_TICKS
-        self._strays = (self._strays | doubtful) & (np.abs(model) > threshold)
+        strays = doubtful | ((self._stray_ticks > 0) & (np.abs(model) > threshold))
+        self._stray_ticks = np.where(blind, DOUBT_TICKS, np.maximum(self._stray_ticks - 1, strays))
         return doubtful
 
     def _blind(self, bad: BoolArray | None, measured: FloatArray) -> BoolArray:
@@ -576,6 +588,15 @@ class FusionGenerator:
             self._median.clear(np.tile(where, 2))
             self._derivatives.put(where, self._predictor.before(0).target - measured)
             self._predictor.put(where, measured)
+
+
+def _carries(n: int, limbs: IntArray | None) -> BoolArray:
+    """Return (n, n) True where the load on the joint of the column depends on the motion of the joint of the row."""
+    if limbs is None:
+        return np.eye(n, dtype=np.bool_)
+    moved, loaded = limbs[:, None], limbs[None, :]
+    carries: BoolArray = (moved == loaded) | (moved == 0) | (loaded == 0)
+    return carries
 
 
 def _zero_invalid(values: FloatArray) -> FloatArray:

@@ -244,7 +244,9 @@ class BaseGenerator:
         self.filtered = np.zeros(len(OUTPUTS))
         self.seen = np.ones(len(OUTPUTS), dtype=np.bool_)
 
-    def step(self, tick: Tick, late: bool = False, lost: bool = False) -> tuple[float, float]:
+    def step(
+        self, tick: Tick, late: bool = False, lost: bool = False, wrong_load: bool = False
+    ) -> tuple[float, float]:
         """Take in one tick; return the residual before and after the filter, NaN while it cannot be judged.
 
         Args:
@@ -252,16 +254,19 @@ class BaseGenerator:
             late: True if its sample is late. The response is computed for the present time only: the sample is not
                 used, and the residual stays as it was.
             lost: True if the sample is too late for that as well.
+            wrong_load: True if joints do not follow their commands: the response to their load is not known.
         """
         predicted = self._predict(tick)
         self._judged = False
-        if lost or self._count < TAPS:
-            self._blind = self._window
+        if wrong_load:
+            self._blind = TAPS + self._window
+        elif lost or self._count < TAPS:
+            self._blind = max(self._blind, self._window)
         if late or lost:
             return (np.nan, np.nan) if self._blind else self._last
         error = self._error(tick, predicted)
         if not (np.abs(error) < MAX_PLAUSIBLE).all():
-            self._blind = self._window
+            self._blind = max(self._blind, self._window)
             # The median must take in a number: a NaN would spoil the whole window.
             error = np.zeros(len(OUTPUTS))
         self.filtered = self._median.push(error)

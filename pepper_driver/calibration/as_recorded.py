@@ -35,7 +35,7 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.plant_parts import BodyParameters
 from pepper_driver.config.workers import Workers
 from pepper_driver.controller.model import RobotModel
-from pepper_driver.observer import ContactObserver, ModelSet, Recording
+from pepper_driver.observer import ContactObserver, JointState, ModelSet, Recording
 from pepper_driver.observer.scoring import group_events
 
 DOCUMENTED_BODY = BodyParameters(masses={}, coms={}, payloads=())
@@ -99,11 +99,13 @@ class FalseContacts:
         count: Number of them.
         minutes: In which they came.
         by_joint: The same count, by the joint that was named, or else the link.
+        blind: Fraction of this time in which a joint that moves at all was blind, mean over these joints.
     """
 
     count: int
     minutes: float
     by_joint: dict[str, int]
+    blind: float
 
     @property
     def per_hour(self) -> float:
@@ -471,18 +473,29 @@ def false_contacts(
         workers: Processes, -1 for one per core; or a cluster.
         progress: Called after each run.
     """
-    jobs = [partial(_joints_named, robot, run, models, delay) for run in runs]
-    named = [joint for joints in run_all(jobs, workers, progress) for joint in joints]
-    ticks = sum(len(run.command) - delay for run in runs)
+    # The base of the bench is fixed.
+    models = replace(models, base=None)
+    jobs = [partial(_watch, robot, run, models, delay) for run in runs]
+    watched = run_all(jobs, workers, progress)
+    named = [joint for joints, _ in watched for joint in joints]
+    ticks = [len(run.command) - delay for run in runs]
     return FalseContacts(
-        count=len(named), minutes=ticks * robot.cycle / 60.0, by_joint=dict(Counter(named))
+        count=len(named),
+        minutes=sum(ticks) * robot.cycle / 60.0,
+        by_joint=dict(Counter(named)),
+        blind=float(np.average([share for _, share in watched], weights=ticks)),
     )
 
 
-def _joints_named(robot: RobotConfig, run: GoalRun, models: ModelSet, delay: int) -> list[str]:
-    """Return the joint, or else the link, of each contact that begins in a run; rebounds are none."""
+def _watch(
+    robot: RobotConfig, run: GoalRun, models: ModelSet, delay: int
+) -> tuple[list[str], float]:
+    """Return the joints, or else the links, of contacts that begin in a run, without rebounds; and the blind share."""
     observer = ContactObserver(robot, models, load_observer_settings())
     recording = as_recording(robot, run, RobotModel(robot), delay)
-    contacts = [c for tick in recording.ticks() for c in observer.step(tick).contacts]
-    begins = [track.begin for track in group_events(contacts)]
-    return [begin.joint or begin.link for begin in begins if begin.kind != "rebound"]
+    seen = [observer.step(tick) for tick in recording.ticks()]
+    begins = [track.begin for track in group_events([c for one in seen for c in one.contacts])]
+    moves = np.ptp(recording.sent_position, axis=0) > 0.0
+    blind = np.array([one.state for one in seen])[:, moves] == JointState.BLIND
+    named = [begin.joint or begin.link for begin in begins if begin.kind != "rebound"]
+    return named, float(blind.mean())

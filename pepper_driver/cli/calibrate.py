@@ -308,7 +308,8 @@ def _print_chases(console: Console, report: ChaseReport) -> None:
     joints = ", ".join(f"{joint} {count}" for joint, count in sorted(contacts.by_joint.items()))
     console.print(
         f"false contacts with models identified on {report.identified_on}: {contacts.count} in "
-        f"{contacts.minutes:.1f} min, {contacts.per_hour:.0f} an hour: {joints or 'none'}"
+        f"{contacts.minutes:.1f} min, {contacts.per_hour:.0f} an hour: {joints or 'none'}; the joints were blind for "
+        f"{100.0 * contacts.blind:.0f} % of the time"
     )
 
 

@@ -14,6 +14,7 @@ from hypothesis import Phase, given
 from hypothesis import strategies as st
 
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.robot import TRUNK
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.detection.threshold import LIMITED_FACTOR, MOTION_MEMORY, REST_SPEED
@@ -23,8 +24,13 @@ from pepper_driver.observer.interface import (
     JointState,
     Observation,
 )
-from pepper_driver.observer.models.fusion_model import MotorTorque
-from pepper_driver.observer.residuals.fusion import FusionParts
+from pepper_driver.observer.models.fusion_model import BaseModel, MotorTorque
+from pepper_driver.observer.residuals.fusion import (
+    DOUBT_TICKS,
+    MAX_LAG,
+    STRAY_FACTOR,
+    FusionParts,
+)
 from pepper_driver.observer.residuals.prediction import MAX_LATE_TICKS
 from support.examples import examples
 from support.fusion import (
@@ -187,21 +193,86 @@ def chase(speed: float) -> tuple[Motion, Motion]:
     return fast, replace(fast, position=np.array(target))
 
 
+LIMITED = fusion_model(replace(STICK_SLIP, target_speed=0.8))
+"""Of a board that lets its target run no faster [rad/s]."""
+
+
 @pytest.mark.parametrize("speed", [0.8, 1.2])
-def test_a_target_whose_speed_is_limited_is_expected_to_fall_behind(speed: float) -> None:
-    """Also where it then runs faster than it was measured to, as recorded robots do at times."""
+@pytest.mark.parametrize("torque", [0.0, 5.0])
+def test_a_joint_is_blind_while_its_board_holds_its_target_behind_the_command(
+    speed: float, torque: float
+) -> None:
+    """Also where the target then runs faster than it was measured to, as recorded robots do at times."""
     command, target = chase(speed)
     assert np.abs(command.velocity).max() > 1.2
-    made = ticks_of(target, drive(target))
+    behind = np.abs(command.position - chase(0.8)[1].position) > MAX_LAG
+    caught_up = int(np.flatnonzero(behind)[-1]) + 1
+    push = push_profile(len(target), (caught_up + DOUBT_TICKS + 10) * CYCLE, 0.5, torque)
+    made = ticks_of(target, drive(target, torque=push))
     for one, position in zip(made, command.position, strict=True):
         one.sent.position[ELBOW] = one.reference.position[ELBOW] = position
-    known = fusion_model(replace(STICK_SLIP, target_speed=0.8))
-    observations, events = run(fusion_observer(known), made)
-    assert events == []
-    assert np.abs(of_elbow(observations, "expected")).max() > 0.1
-    assert {int(one.state[ELBOW]) for one in observations} == {JointState.FREE}
+    observations, events = run(fusion_observer(LIMITED), made)
+    state = np.array([one.state[ELBOW] for one in observations])
+    assert (state[behind] == JointState.BLIND).all()
+    assert (state[caught_up + WINDOW : caught_up + DOUBT_TICKS] == JointState.FREE).all()
+    assert bool(events) == bool(torque)
     # Where the limit is not known, the position alone would show a touch.
     assert run(fusion_observer(parts=FusionParts(current=False)), made)[1]
+
+
+def fall_behind(joint: str, base: BaseModel | None = None) -> list[Observation]:
+    """A standing robot one of whose joints is told to be 0.4 rad further off in tick 60."""
+    made = [tick(k) for k in range(160)]
+    for one in made[60:]:
+        one.sent.position[ROBOT.joint_index(joint)] += 0.4
+        one.reference.position[ROBOT.joint_index(joint)] += 0.4
+        one.measurement.position[ROBOT.joint_index(joint)] += 0.4
+    return run(fusion_observer(LIMITED, base=base), made)[0]
+
+
+@pytest.mark.parametrize(
+    ("joint", "blind"),
+    [
+        ("LElbowYaw", {"left_arm", TRUNK}),
+        ("HeadYaw", {"head", TRUNK}),
+        ("HipPitch", {"left_arm", "right_arm", "head", TRUNK}),
+    ],
+)
+def test_joints_that_carry_a_joint_that_falls_behind_are_blind_as_well(
+    joint: str, blind: set[str]
+) -> None:
+    """Their desired load is that of a motion that is not made; a limb on its own is not concerned."""
+    seen = fall_behind(joint)
+    for limb, names in ROBOT.limbs.items():
+        for name in names:
+            state = np.array([one.state[ROBOT.joint_index(name)] for one in seen])
+            expected = JointState.BLIND if limb in blind else JointState.FREE
+            assert set(state[60:70].tolist()) == {expected}, name
+            assert set(state[120:].tolist()) == {JointState.FREE}, name
+
+
+def test_a_joint_that_was_blind_needs_more_until_it_is_known_to_rest_in_its_place() -> None:
+    motion = standing(4.0)
+    made = ticks_of(motion, drive(motion))
+    made[100].measurement.position[ELBOW] = np.nan
+    observations, events = run(fusion_observer(parts=FusionParts(limbs=False)), made)
+    factor = of_elbow(observations, "threshold") / observations[0].threshold[ELBOW]
+    begin = 100 + WINDOW
+    assert np.isnan(factor[100:begin]).all()
+    np.testing.assert_allclose(factor[begin : begin + DOUBT_TICKS], STRAY_FACTOR)
+    np.testing.assert_allclose(factor[begin + DOUBT_TICKS :], 1.0)
+    assert events == []
+
+
+def test_a_joint_that_was_blind_still_knows_that_its_current_has_not_reversed() -> None:
+    """It rests off its place, and its motor holds its load only: no touch, though its board would answer as much."""
+    motion = standing(4.0, load=-3.0)
+    made = ticks_of(motion, drive(motion))
+    for one in made[100:]:
+        one.measurement.position[ELBOW] -= 0.06
+    assert run(fusion_observer(), made)[1] == []
+    made[200].sent.stiffness[ELBOW] = 0.5
+    assert run(fusion_observer(), made)[1] == []
 
 
 def test_without_a_push_there_is_little_torque() -> None:

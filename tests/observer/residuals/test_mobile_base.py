@@ -501,6 +501,17 @@ def test_the_start_and_lost_samples_are_not_judged(model: BaseModel) -> None:
     assert judged[101 + WINDOW :].all()
 
 
+def test_a_base_whose_robot_does_not_follow_its_commands_is_not_judged(model: BaseModel) -> None:
+    """The response to its load lasts for TAPS ticks."""
+    made = drive(3.0, 5)
+    signal = generator(model)
+    seen = np.array([signal.step(one, wrong_load=100 <= k < 103) for k, one in enumerate(made)])
+    judged = np.asarray(np.isfinite(seen).all(axis=1))
+    assert judged[STARTED:100].all()
+    assert not judged[100 : 102 + TAPS + WINDOW].any()
+    assert judged[103 + TAPS + WINDOW :].all()
+
+
 def test_a_late_sample_leaves_the_residual_as_it_was(model: BaseModel) -> None:
     """A push that lasts must not end with every sample that comes a tick later."""
     made = drive(3.0, 5)

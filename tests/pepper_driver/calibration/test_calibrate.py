@@ -289,7 +289,9 @@ def report(**changes: Any) -> CalibrationReport:
         "measured": model_bench(ROBOT, NOMINAL, REAL, 0, progress=lambda share: None),
         "chases": ChaseReport(
             figures=REAL.recordings.chases.figures,
-            false_contacts=FalseContacts(count=2, minutes=60.0, by_joint={"RWristYaw": 2}),
+            false_contacts=FalseContacts(
+                count=2, minutes=60.0, by_joint={"RWristYaw": 2}, blind=0.1
+            ),
             identified_on="a robot",
             real=REAL.recordings.chases,
             settings=REAL.settings,
