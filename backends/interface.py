@@ -120,6 +120,11 @@ class BackendInfo:
     system_version: str = ""
 
     @property
+    def simulated(self) -> bool:
+        """True for a simulated robot, also behind the stand-in NAOqi: programs can push it."""
+        return "push" in self.capabilities
+
+    @property
     def identities(self) -> tuple[RobotIdentity, ...]:
         """Robots whose models serve this one: itself first, then its parents."""
         own = RobotIdentity(name=self.name or self.identity, identity=self.identity)

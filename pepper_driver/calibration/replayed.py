@@ -116,7 +116,7 @@ def _takes_delay(manifest: Manifest) -> bool:
     try:
         return takes_delay(manifest.backend)
     except ConfigError:  # without its address, that of a bundle may be no URI
-        return not manifest.simulated
+        return manifest.real_time
 
 
 def _stiffness(run: RunEntry) -> float:

@@ -157,7 +157,7 @@ def write_bundle(path: Path, uri: str, examination: Examination, motion_test: Mo
         "scheme": parse_uri(uri).scheme,
         "type": info.robot_type or None,
         "system_version": info.system_version or None,
-        "simulated": "seed" in info.capabilities,
+        "simulated": info.simulated,
         "response_delay": info.response_delay,
         "capabilities": sorted(info.capabilities),
     }

@@ -157,7 +157,7 @@ def new_hour(
         joint_names=robot.joint_names,
         identity=info.identity,
         cycle=info.cycle,
-        simulated="seed" in info.capabilities,
+        simulated=info.simulated,
         plan=plan,
         weight=weight,
         label=label,

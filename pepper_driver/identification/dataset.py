@@ -106,7 +106,7 @@ def mirror_joint(joint: str, robot: RobotConfig) -> str:
     return robot.joint_names[robot.mirror[robot.joint_index(joint)][0]]
 
 
-FORMAT: Literal[2] = 2
+FORMAT: Literal[3] = 3
 MANIFEST = "manifest.json"
 SUFFIX = ".npz"
 
@@ -157,7 +157,8 @@ class Manifest:
         robot, joint_names: Of the robot's description.
         backend: URI of the robot that was driven.
         identity: Hash of the simulated robot, or the body id of a real one.
-        simulated: Whether it was a simulated one.
+        simulated: Whether it was a simulated one, here or behind the stand-in.
+        real_time: Whether it moved by the clock of the wall, as a robot on a network does.
         response_delay: Ticks from a command to the sample that answers it, as the backend said.
         experiment, experiment_hash: The motion, by name and content.
         calibration, calibration_hash: That of the whole body; None if not available.
@@ -168,12 +169,13 @@ class Manifest:
         runs: In the order they are made.
     """
 
-    format: Literal[2]
+    format: Literal[3]
     robot: str
     joint_names: tuple[str, ...]
     backend: str
     identity: str
     simulated: bool
+    real_time: bool
     response_delay: int
     experiment: str
     experiment_hash: str
@@ -213,7 +215,8 @@ def make_manifest(
         joint_names=robot.joint_names,
         backend=backend.uri,
         identity=backend.info.identity,
-        simulated=not backend.real_time,
+        simulated=backend.info.simulated,
+        real_time=backend.real_time,
         response_delay=backend.info.response_delay,
         experiment=experiment.name,
         experiment_hash=experiment_hash(experiment),
@@ -271,8 +274,8 @@ def open_folder(folder: Path, manifest: Manifest) -> None:
         return
     there = read_manifest(folder)
     compared = dict(_COMPARED)
-    if not there.simulated:
-        del compared["backend"]  # a real robot has an identity; its address may change
+    if there.real_time:
+        del compared["backend"]  # such a robot has an identity; its address may change
     if difference := first_difference(there, manifest, compared):
         raise RecordingFolderError(f"{folder}: these recordings were made {difference}; {_AGAIN}")
     make_folder(folder)

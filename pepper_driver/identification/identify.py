@@ -541,11 +541,11 @@ def _closed_form(
     manifest: Manifest, recordings: IdentificationDataset, robot: RobotConfig, *, mirror: bool
 ) -> dict[str, dict[str, FitScore[float]]]:
     """Return the closed-form fit of a simulated robot with the motors of Eq. 11, unless its plant has changed since."""
-    if not manifest.simulated:
+    if not manifest.simulated or manifest.real_time:
         return {}
     backend = make_backend(manifest.backend, robot)
     info = backend.info
-    if "push" not in info.capabilities or info.identity != manifest.identity:
+    if info.identity != manifest.identity:
         return {}
     plant = backend.plant.config
     if plant is None:

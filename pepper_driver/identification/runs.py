@@ -326,7 +326,7 @@ def perform(
                 on_touch(event.name)
 
     with StopKey(pepper.emergency_stop) if stop_key else nullcontext(), pepper:
-        if run.weight is not None and "push" in pepper.backend.info.capabilities:
+        if run.weight is not None and pepper.backend.info.simulated:
             force = (0.0, 0.0, -run.weight.mass * GRAVITY)
             # Until the end: the motion to the first posture comes before.
             duration = run.seconds + WEIGHT_MARGIN

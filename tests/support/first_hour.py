@@ -39,12 +39,13 @@ def manifest(identity: str) -> Manifest:
         name="HeadYaw-1", joint="HeadYaw", role="estimation", stiffness=2.0, seed=(0,), seconds=1.0
     )
     return Manifest(
-        format=2,
+        format=3,
         robot=ROBOT.name,
         joint_names=ROBOT.joint_names,
         backend="naoqi://anna@pepper-7.lab.example",
         identity=identity,
         simulated=False,
+        real_time=True,
         response_delay=3,
         experiment="identify",
         experiment_hash="0",

@@ -120,6 +120,7 @@ def test_the_stand_in_is_known_as_the_robot_it_simulates(
     info = backend.info
     assert info.identity == make_backend("mujoco").info.identity, "so its models apply"
     assert info.capabilities >= {"push", "grab"}
+    assert info.simulated, "so its recordings are not taken for those of a real robot"
     assert "truth" not in info.capabilities
     assert backend.real_time
     assert info.response_delay == make_backend("mujoco").info.response_delay == 3

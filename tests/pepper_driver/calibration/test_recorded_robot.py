@@ -96,7 +96,7 @@ def folder(other: Path, moves: Recording, tmp_path_factory: pytest.TempPathFacto
 
 
 def write(path: Path, content: Manifest) -> None:
-    write_json(path / "manifest.json", asdict(replace(content, simulated=True)))
+    write_json(path / "manifest.json", asdict(replace(content, real_time=False)))
 
 
 def rms(replayed: Any, run: RecordedRun) -> float:

@@ -12,11 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.backends import Backend
+from pepper_driver.backends.interface import Capability
 from pepper_driver.cli.app import run
 from pepper_driver.config import ConfigError, PepperError, RobotConfig
 from pepper_driver.config.file_lock import InUseError, lock_folder
 from pepper_driver.config.files import set_aside
 from pepper_driver.config.first_hour import load_first_hour
+from pepper_driver.config.touch_prompts import load_touch_prompts
 from pepper_driver.first_hour.hour import run_hour
 from pepper_driver.first_hour.operator import OperatorLeftError, TerminalOperator
 from pepper_driver.first_hour.plan import HourPlan, PlannedStep, plan_hour
@@ -28,6 +30,7 @@ from pepper_driver.first_hour.state import (
     FirstHourError,
     StepName,
     load_state,
+    new_hour,
     save_state,
 )
 from pepper_driver.first_hour.steps import check_readiness
@@ -346,3 +349,17 @@ def test_a_state_of_another_plan_is_refused(
     assert run([*arguments, "--yes"]) == 2
     assert "by the plan" in capsys.readouterr().err
     assert json.loads((tmp_path / STATE).read_text())["plan"] == "p"
+
+
+@pytest.mark.parametrize(
+    ("abilities", "simulated"),
+    [(frozenset({"push", "grab"}), True), (frozenset({"speech"}), False)],
+)
+def test_an_hour_at_the_stand_in_is_not_taken_for_one_of_a_real_robot(
+    abilities: frozenset[Capability], simulated: bool
+) -> None:
+    info = replace(INFO, capabilities=abilities)
+    hour = new_hour(
+        ROBOT, info, plan="p", prompts=load_touch_prompts(ROBOT), label="key", weight=None
+    )
+    assert hour.simulated == simulated
