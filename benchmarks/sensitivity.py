@@ -67,6 +67,7 @@ CONSTANTS: dict[str, tuple[str, ...]] = {
         "DOUBT_TICKS",
         "SETTLING_TICKS",
         "STRAY_FACTOR",
+        "MAX_LAG",
     ),
     "residuals.momentum": (
         "SMOOTHING_TIME",
