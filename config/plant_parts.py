@@ -69,8 +69,7 @@ class Targets:
 class Transport:
     """Delays between the physics and the reader, in ticks, and noise as standard deviations.
 
-    A command acts ``command_delay`` ticks late. A sample of encoders, currents, wheels and inertial unit arrives
-    ``sensor_delay`` ticks late.
+    A command acts ``command_delay`` ticks late, a sample of encoders and currents arrives ``sensor_delay`` ticks late.
     With probability ``late`` an encoder's is later still: the one before is read again, up to ``longest_late`` ticks in
     a row. With probability ``lost`` a joint's board brings none: the position before is read as if it were new.
     ``encoder_noise`` [rad], ``current_noise`` [A]; ``current_time`` [s] is the time constant of the current's low-pass.

@@ -179,6 +179,7 @@ class Residuals:
         hides: Joints that may not show a touch: friction holds them, or they are blind. None where it is not examined.
         base_raw: Residual of the base before the filter, in units of its bound; NaN where it cannot be judged.
         base_residual: The same, filtered.
+        base_drives: True while the base is commanded to drive, or has just been.
         detail: Data that the generator needs again in ``learn``, when the events of the tick are known.
     """
 
@@ -194,6 +195,7 @@ class Residuals:
     hides: BoolArray | None = None
     base_raw: float = np.nan
     base_residual: float = np.nan
+    base_drives: bool = False
     detail: object = None
 
 

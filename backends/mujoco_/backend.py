@@ -271,7 +271,7 @@ class MujocoBackend(Serial, Backend):
     def _begin(self) -> Measurement:
         """Start simulation, sensors and noise."""
         self._simulation.reset(self._start, self._seed)
-        self._commands.reset(self._start, self._no_speed)
+        self._commands.reset(self._start)
         self._write(self._start, np.zeros(len(self._start)), np.zeros(3))
         return self._readings.begin(self._seed)
 
@@ -286,7 +286,7 @@ class MujocoBackend(Serial, Backend):
         if self._state == "active":
             raise BackendError(f"'{self.uri}' is already active")
         hold = np.clip(self._readings.position, self._robot.lower, self._robot.upper)
-        self._commands.reset(hold, self._no_speed)
+        self._commands.reset(hold)
         self._state = "active"
         ticks = round(RAMP_TIME / self._robot.cycle)
         for tick in range(ticks):
@@ -319,13 +319,10 @@ class MujocoBackend(Serial, Backend):
         written, active = self._written, self._state == "active"
         rolls = active and self._repeats < DEAD_MAN_CYCLES
         self._repeats += 1
-        position, wheel_speed = self._commands.send(
-            written.position, written.wheel_speed if rolls else self._no_speed
-        )
         self._simulation.cycle(
-            position,
+            self._commands.send(written.position),
             written.stiffness if active else self._no_stiffness,
-            wheel_speed,
+            written.wheel_speed if rolls else self._no_speed,
             self.wheel_stiffness if active else self._no_speed,
         )
         if self._model.diverged(self._data):

@@ -1,4 +1,4 @@
-"""Sensors: encoders, currents, wheels, inertial unit, touch; with noise, delay and loss."""
+"""Sensors: encoders, currents, inertial unit, touch; with noise, delay and loss."""
 
 from __future__ import annotations
 
@@ -270,7 +270,10 @@ class Encoders(Resumable):
 
 
 class CurrentSensors(Resumable):
-    """Absolute motor current, low-passed, with noise, in steps of the converter, as late as the encoders."""
+    """Absolute motor current, low-passed, with noise, in steps of the converter, as late as the encoders.
+
+    The DCM reads all sensors of a cycle at once.
+    """
 
     STATE = ("_smoothed", "_rng", "_delayed")
 
@@ -302,44 +305,20 @@ class CurrentSensors(Resumable):
         return self._delayed[0]
 
 
-class BaseSensors(Resumable):
-    """Wheel speeds and inertial unit, as late as the encoders: the DCM reads all sensors of a cycle at once."""
-
-    STATE = ("_delayed",)
-
-    def __init__(self, plant: PlantConfig) -> None:
-        self._delayed: deque[tuple[FloatArray, Imu]] = deque(
-            maxlen=plant.transport.sensor_delay + 1
-        )
-
-    def reset(self, wheel_speed: FloatArray, imu: Imu) -> tuple[FloatArray, Imu]:
-        """Fill the delay line as if the robot had always moved so; returns the first reading."""
-        for _ in range(self._delayed.maxlen or 1):
-            reading = self.read(wheel_speed, imu)
-        return reading
-
-    def read(self, wheel_speed: FloatArray, imu: Imu) -> tuple[FloatArray, Imu]:
-        """One cycle later: take in ``wheel_speed`` (3,) [rad/s] and the inertial unit, return what arrives now."""
-        self._delayed.append((wheel_speed, imu))
-        return self._delayed[0]
-
-
 class CommandDelayLine(Resumable):
-    """Commands in flight to the boards of motors and wheels: each acts whole cycles after it was sent."""
+    """Commands in flight to the motor boards: each acts whole cycles after it was sent."""
 
     STATE = ("_delayed",)
 
     def __init__(self, plant: PlantConfig) -> None:
-        self._delayed: deque[tuple[FloatArray, FloatArray]] = deque(
-            maxlen=plant.transport.command_delay + 1
-        )
+        self._delayed: deque[FloatArray] = deque(maxlen=plant.transport.command_delay + 1)
 
-    def reset(self, position: FloatArray, wheel_speed: FloatArray) -> None:
-        """Fill the line with a command, as for :meth:`send`."""
+    def reset(self, position: FloatArray) -> None:
+        """Fill the line with ``position`` (17,) [rad]."""
         for _ in range(self._delayed.maxlen or 1):
-            self._delayed.append((position.copy(), wheel_speed.copy()))
+            self._delayed.append(position.copy())
 
-    def send(self, position: FloatArray, wheel_speed: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Send ``position`` (17,) [rad] and ``wheel_speed`` (3,) [rad/s]; returns what reaches the boards now."""
-        self._delayed.append((position, wheel_speed))
+    def send(self, position: FloatArray) -> FloatArray:
+        """Send ``position`` (17,) [rad]; returns the command that reaches the boards now."""
+        self._delayed.append(position)
         return self._delayed[0]

@@ -11,12 +11,7 @@ from pepper_driver.backends.fields import Imu, Measurement
 from pepper_driver.backends.mujoco_.contacts import Contacts
 from pepper_driver.backends.mujoco_.motors import JointFriction, MotorBoards, Supply, ThermalState
 from pepper_driver.backends.mujoco_.plant_model import FALLEN, ArrayView, build_model
-from pepper_driver.backends.mujoco_.sensors import (
-    BaseSensors,
-    CurrentSensors,
-    Encoders,
-    InertialUnit,
-)
+from pepper_driver.backends.mujoco_.sensors import CurrentSensors, Encoders, InertialUnit
 from pepper_driver.backends.mujoco_.targets import BoardTargets
 from pepper_driver.backends.mujoco_.wheels import WheelDynamics
 from pepper_driver.backends.simulated import Resumable, TrueContact, Truth
@@ -279,13 +274,10 @@ class Readings(Resumable):
         rngs = [np.random.Generator(np.random.PCG64(stream)) for stream in streams]
         self._encoders = Encoders(self._robot, self._plant, rngs[0])
         self._current_sensors = CurrentSensors(self._robot, self._plant, rngs[1])
-        self._base_sensors = BaseSensors(self._plant)
         self._tick = 0
-        simulation = self._simulation
+        start = self._simulation.position
         return self._measurement(
-            self._encoders.reset(simulation.position),
-            self._current_sensors.reset(),
-            *self._base_sensors.reset(simulation.wheels.speed, self._imu.reset()),
+            self._encoders.reset(start), self._current_sensors.reset(), self._imu.reset()
         )
 
     def read(self) -> Measurement:
@@ -295,7 +287,7 @@ class Readings(Resumable):
         return self._measurement(
             self._encoders.read(simulation.position),
             self._current_sensors.read(simulation.current),
-            *self._base_sensors.read(simulation.wheels.speed, self._imu.read()),
+            self._imu.read(),
         )
 
     def save(self) -> dict[str, Any]:
@@ -309,16 +301,9 @@ class Readings(Resumable):
             part.restore(saved[name])
 
     def _parts(self) -> dict[str, Resumable]:
-        return {
-            "encoders": self._encoders,
-            "currents": self._current_sensors,
-            "imu": self._imu,
-            "base": self._base_sensors,
-        }
+        return {"encoders": self._encoders, "currents": self._current_sensors, "imu": self._imu}
 
-    def _measurement(
-        self, position: FloatArray, current: FloatArray, wheel_speed: FloatArray, imu: Imu
-    ) -> Measurement:
+    def _measurement(self, position: FloatArray, current: FloatArray, imu: Imu) -> Measurement:
         self.position = position
         supply, feeling = self._simulation.supply, self._simulation.contacts.touch
         return Measurement(
@@ -326,7 +311,7 @@ class Readings(Resumable):
             tick=self._tick,
             position=position,
             current=current,
-            wheel_speed=wheel_speed,
+            wheel_speed=self._simulation.wheels.speed,
             imu=imu,
             touch=feeling.touch,
             bumpers=feeling.bumpers,

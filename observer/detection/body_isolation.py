@@ -63,10 +63,11 @@ BASE_LINK = "base_link"
 class BodyContact:
     """Contact on one limb that has begun and not ended; its number is None until it is reported."""
 
-    def __init__(self, time: float, onset_time: float) -> None:
+    def __init__(self, time: float, onset_time: float, *, driving: bool) -> None:
         self.number: int | None = None
         self.kind: Kind = "contact"
         self.limb, self.limb_known = "", True
+        self.driving = driving
         self.joint: int | None = None
         self.link = ""
         self.sign = 0
@@ -113,6 +114,7 @@ class BodyTracker:
     - A contact becomes a ``collision`` when a residual exceeds ``collision_factor`` times its threshold; a ``push``
       after TAP_TIME, a ``hold`` after HOLD_TIME. One that ends before was a ``tap``, or a ``double tap``. A push that
       follows one the other way is a ``grip``.
+    - One that begins just before the base drives is none: the wheels answer sooner than the joints.
     - A limb that swings back after its contact causes a ``rebound``, with an id of its own.
 
     Args:
@@ -228,6 +230,8 @@ class BodyTracker:
             trunk.explained = False
         elif trunk.contact is None and any(self._touched(limb, time) for limb in self._outer):
             trunk.explained = True
+        elif trunk.contact is not None and self._drove_off(trunk.contact):
+            trunk.contact, trunk.explained = None, True
         if not trunk.explained:
             self._update_limb(trunk, time, events)
 
@@ -236,6 +240,13 @@ class BodyTracker:
         if limb.contact is not None:
             return True
         return limb.last is not None and time - limb.last_end <= self._rebound_window
+
+    def _drove_off(self, contact: BodyContact) -> bool:
+        """Return True for a contact on the standing base that drives before it is reported: a command has moved it.
+
+        Wheels may answer sooner than joints, and commands are paired with the answers of joints.
+        """
+        return self._residuals.base_drives and not contact.driving and contact.number is None
 
     def _hides_touches(self) -> bool:
         """Return True if a joint of a limb may hide a touch that shakes the trunk."""
@@ -344,7 +355,7 @@ class BodyTracker:
             self._locate(limb, moved, over)
             self._report(moved, "begin" if moved.number is None else "update", time, events)
             return
-        contact = limb.contact = BodyContact(time, first)
+        contact = limb.contact = BodyContact(time, first, driving=self._residuals.base_drives)
         if all(excursion.kind == "rebound" for excursion in over):
             contact.kind = "rebound"
         self._locate(limb, contact, over)

@@ -435,6 +435,7 @@ class FusionGenerator:
             hides=blind | (band > alone),
             base_raw=base[0],
             base_residual=base[1],
+            base_drives=self._base is not None and self._base.drives,
             detail=_Detail(prediction, measured, limited, alone),
         )
 

@@ -43,6 +43,9 @@ LEVEL_TIME = 2.0
 FROZEN_TICKS = 2
 """From which on values that the inertial unit repeats count as missing: the filter takes out fewer."""
 
+DRIVING = 2
+"""Phase in which the base drives."""
+
 MIN_SPREADS = np.array([0.0005, 0.0005, 0.002, 0.0005, 0.005, 0.005])
 """Smallest spread of each output: a step of its sensor."""
 
@@ -192,7 +195,7 @@ class BaseGenerator:
     Attributes:
         filtered: (6,) residuals of the outputs after the filter.
         seen: (6,) outputs that were measured.
-        phase: 0 while neither base nor joints move, 1 while joints move, 2 while the base drives.
+        phase: 0 while neither base nor joints move, 1 while joints move, DRIVING while the base drives.
     """
 
     def __init__(
@@ -270,7 +273,7 @@ class BaseGenerator:
         # After the filter: a single sample that is wrong would move the level for seconds.
         self._level -= self._pace * self.filtered[3:]
         driving = self._standing_ticks < self._standing_delay
-        self.phase = 2 if driving else int(self._still_ticks < self._still_delay)
+        self.phase = DRIVING if driving else int(self._still_ticks < self._still_delay)
         if self._blind:
             self._blind -= 1
             return np.nan, np.nan
@@ -280,6 +283,11 @@ class BaseGenerator:
         _, raw = self._judge(error, spreads, self._factor, self._axis)
         self._last = raw, filtered
         return self._last
+
+    @property
+    def drives(self) -> bool:
+        """True while the base is commanded to drive, or has just been."""
+        return self.phase == DRIVING
 
     def learn(self) -> None:
         """Learn from the last tick, in which no part of the robot was touched."""

@@ -49,6 +49,7 @@ class Player:
     def __init__(self) -> None:
         self.k = 0
         self.hide: tuple[str, ...] = ()
+        self.drives = False
         self.states = [JointState.BLIND] * JOINTS
         self.settled = [False] * JOINTS
         self.tracker = BodyTracker(
@@ -73,6 +74,7 @@ class Player:
             hides=np.isin(ROBOT.joint_names, self.hide),
             base_raw=base,
             base_residual=base,
+            base_drives=self.drives,
         )
         events = []
         for _ in range(ticks):
@@ -297,6 +299,21 @@ def test_the_limb_of_what_the_trunk_shows_is_known_where_no_limb_may_hide_a_touc
     assert (moved.id, moved.limb, moved.limb_known) == (begin.id, "left_arm", True)
     [end] = [event for event in player.play(QUIET) if event.phase == "end"]
     assert end.limb_known
+
+
+@pytest.mark.parametrize("before", [1, HELD])
+def test_a_base_that_answers_a_command_before_it_is_due_is_not_touched(before: int) -> None:
+    player = Player()
+    assert player.play(before, base=1.5) == []
+    player.drives = True
+    assert player.play(30, base=1.5) + player.play(QUIET) == []
+    # While it drives, and where it was reported before, it is a contact.
+    assert story(player.play(1 + HELD, base=1.5)) == [(1, "begin", None)]
+    player = Player()
+    [begin] = player.play(1 + HELD, base=1.5)
+    player.drives = True
+    assert {event.id for event in player.play(30, base=1.5)} <= {begin.id}
+    assert [event.phase for event in player.play(QUIET)] == ["end"]
 
 
 @pytest.mark.parametrize(("later", "told"), [(0.9, False), (1.2, True)])
