@@ -316,13 +316,13 @@ def test_a_base_that_answers_a_command_before_it_is_due_is_not_touched(before: i
     assert [event.phase for event in player.play(QUIET)] == ["end"]
 
 
-@pytest.mark.parametrize(("later", "told"), [(0.9, False), (1.2, True)])
-def test_a_limb_that_is_let_go_shakes_the_trunk_for_a_while(later: float, told: bool) -> None:
+@pytest.mark.parametrize(("later", "reported"), [(0.9, False), (1.2, True)])
+def test_a_limb_that_is_let_go_shakes_the_trunk_for_a_while(later: float, reported: bool) -> None:
     player = Player()
     player.play(10, LElbowRoll=3.0)
     player.play(round(later * SETTINGS.rebound_window / CYCLE))
     events = player.play(1 + HELD, base=1.5) + player.play(QUIET)
-    assert any(event.limb == TRUNK for event in events) == told
+    assert any(event.limb == TRUNK for event in events) == reported
 
 
 def test_a_limb_that_could_hide_a_touch_as_it_began_leaves_it_open() -> None:

@@ -24,13 +24,14 @@ from pepper_driver.observer.interface import (
     JointState,
     Observation,
 )
-from pepper_driver.observer.models.fusion_model import BaseModel, MotorTorque
+from pepper_driver.observer.models.fusion_model import TAPS, BaseModel, MotorTorque
 from pepper_driver.observer.residuals.fusion import (
     DOUBT_TICKS,
     MAX_LAG,
     STRAY_FACTOR,
     FusionParts,
 )
+from pepper_driver.observer.residuals.mobile_base import BaseGenerator
 from pepper_driver.observer.residuals.prediction import MAX_LATE_TICKS
 from support.examples import examples
 from support.fusion import (
@@ -220,14 +221,14 @@ def test_a_joint_is_blind_while_its_board_holds_its_target_behind_the_command(
     assert run(fusion_observer(parts=FusionParts(current=False)), made)[1]
 
 
-def fall_behind(joint: str, base: BaseModel | None = None) -> list[Observation]:
-    """A standing robot one of whose joints is told to be 0.4 rad further off in tick 60."""
+def fall_behind(joint: str) -> list[Tick]:
+    """A standing robot one of whose joints is to be 0.4 rad further off in tick 60."""
     made = [tick(k) for k in range(160)]
     for one in made[60:]:
         one.sent.position[ROBOT.joint_index(joint)] += 0.4
         one.reference.position[ROBOT.joint_index(joint)] += 0.4
         one.measurement.position[ROBOT.joint_index(joint)] += 0.4
-    return run(fusion_observer(LIMITED, base=base), made)[0]
+    return made
 
 
 @pytest.mark.parametrize(
@@ -242,13 +243,26 @@ def test_joints_that_carry_a_joint_that_falls_behind_are_blind_as_well(
     joint: str, blind: set[str]
 ) -> None:
     """Their desired load is that of a motion that is not made; a limb on its own is not concerned."""
-    seen = fall_behind(joint)
+    seen = run(fusion_observer(LIMITED), fall_behind(joint))[0]
     for limb, names in ROBOT.limbs.items():
         for name in names:
             state = np.array([one.state[ROBOT.joint_index(name)] for one in seen])
             expected = JointState.BLIND if limb in blind else JointState.FREE
             assert set(state[60:70].tolist()) == {expected}, name
             assert set(state[120:].tolist()) == {JointState.FREE}, name
+
+
+def test_a_base_that_carries_a_joint_that_falls_behind_is_not_judged() -> None:
+    spreads = (0.1,) * 6
+    model = BaseModel(
+        coefficients=((0.0,) * 6,) * (6 * TAPS), still=spreads, moving=spreads, driving=spreads
+    )
+    base = BaseGenerator(model, ROBOT, WINDOW, false_contacts=SETTINGS.false_contacts, adapt=False)
+    seen = play(fusion_generator(LIMITED, base=base), fall_behind("LElbowYaw"))
+    judged = np.isfinite([one.base_residual for one in seen])
+    assert judged[50:60].all()
+    assert not judged[60 : 60 + TAPS].any()
+    assert judged[-10:].all()
 
 
 def test_a_joint_that_was_blind_needs_more_until_it_is_known_to_rest_in_its_place() -> None:
