@@ -47,7 +47,8 @@ class Speed:
     Attributes:
         loop: Simulated time over wall time of the whole loop with its log.
         plant: The same of the plant without the layers above it, given the same commands.
-        loop_us: One tick of the loop, with what the log's thread takes to write it [us].
+        loop_us: One tick of the loop, with ``log_us`` [us].
+        log_us: Processor time that the log's thread takes to write a tick [us].
         plant_us: One tick of the plant [us].
         physics_us: MuJoCo's steps of one tick alone, given the same states, controls and frictions [us].
     """
@@ -55,6 +56,7 @@ class Speed:
     loop: float
     plant: float
     loop_us: float
+    log_us: float
     plant_us: float
     physics_us: float
 
@@ -92,6 +94,7 @@ class LoopBench:
                     "real_time_factor": speed.loop,
                     "plant_alone_real_time_factor": speed.plant,
                     "loop_us": speed.loop_us,
+                    "log_us": speed.log_us,
                     "plant_us": speed.plant_us,
                     "physics_us": speed.physics_us,
                 }
@@ -211,11 +214,12 @@ def _measure_speed(
     loop_us, plant_us, physics_us = 1e6 * np.median(times.min(axis=1), axis=(1, 2))
     loops = (times[0].sum(axis=-1) - meanwhile).min(axis=0) / length
     plants = times[1].sum(axis=-1).min(axis=0) / length
-    log_share = float(log_time.min())
+    log_us = 1e6 * float(log_time.min())
     return Speed(
-        loop=backend.info.cycle / (float(loops.mean()) + log_share),
+        loop=backend.info.cycle / (float(loops.mean()) + 1e-6 * log_us),
         plant=backend.info.cycle / float(plants.mean()),
-        loop_us=float(loop_us) + 1e6 * log_share,
+        loop_us=float(loop_us) + log_us,
+        log_us=log_us,
         plant_us=float(plant_us),
         physics_us=float(physics_us),
     )

@@ -84,18 +84,22 @@ def test_the_time_is_that_of_the_steps_alone(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_ratios_are_those_of_times() -> None:
-    speed = Speed(loop=9.0, plant=25.0, loop_us=1250.0, plant_us=500.0, physics_us=250.0)
+    speed = Speed(
+        loop=9.0, plant=25.0, loop_us=1250.0, log_us=100.0, plant_us=500.0, physics_us=250.0
+    )
     assert (speed.loop_over_physics, speed.plant_over_physics) == (5.0, 2.0)
 
 
-WRITING = 0.3
+WRITING = 1.0
 """[s] of a processor, in a run of 250 ticks."""
 
 
 def test_a_log_that_is_written_late_costs_as_much(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its thread writes when it likes, also between the turns that are timed, and most of a short run at its end."""
+    """Its thread writes when it likes, also between the turns that are timed, and most of a short run at its end.
+
+    Only processor time is compared with a figure: a machine that does other work lengthens all others.
+    """
     monkeypatch.setattr(loop, "RUNS", 2)
-    before = run_loop_bench(2.0).speed["nominal"]
     close = LogWriter.close
 
     def write() -> None:
@@ -110,7 +114,8 @@ def test_a_log_that_is_written_late_costs_as_much(monkeypatch: pytest.MonkeyPatc
         close(log)
 
     monkeypatch.setattr(LogWriter, "close", close_late)
-    after = run_loop_bench(2.0).speed["nominal"]
-    assert after.loop_us - before.loop_us > 0.5 * 1e6 * WRITING / 250
-    assert after.loop < before.loop
-    assert after.plant_us == pytest.approx(before.plant_us, rel=0.5)
+    speed = run_loop_bench(2.0).speed["nominal"]
+    cycle = 0.012
+    assert speed.log_us > 0.5 * 1e6 * WRITING / 250
+    assert speed.loop_us > speed.log_us
+    assert speed.loop < 1e6 * cycle / speed.log_us, "the speed of the simulation counts it too"
