@@ -11,6 +11,7 @@ from pepper_driver.config import ObserverSettings, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_selector import Kind
 from pepper_driver.config.robot import TRUNK
+from pepper_driver.observer.constants import PUSH_TICKS, RELATIVE_RATIO, REPORT_DELAY
 from pepper_driver.observer.detection.excursions import (
     TIME_TOLERANCE,
     Excursion,
@@ -26,17 +27,8 @@ from pepper_driver.observer.interface import (
     Residuals,
 )
 
-RELATIVE_RATIO = 0.35
-"""Fraction of the largest ratio of residual and threshold in a limb: the contact only shakes joints below it."""
-
-RATIO_MEMORY = 12
-"""Ticks over which the largest ratio of a joint counts."""
-
 REISOLATION_TIMES = (0.05, 0.15)
 """[s] after the detection, when the joint is determined again."""
-
-TRUNK_REPORT_DELAY = 0.1
-"""[s] The base often detects a push on a limb first, and the limb detects it within this time."""
 
 COLLISION_TIME = 0.1
 """[s] from the onset until which a collision reaches its size: a hand that pushes is slower."""
@@ -88,7 +80,7 @@ class _Limb:
     def __init__(self, joints: Sequence[int], monitors: Sequence[JointMonitor]) -> None:
         self.joints = tuple(joints)
         self.monitors = tuple(monitors)
-        self.ratios: deque[list[float]] = deque(maxlen=RATIO_MEMORY)
+        self.ratios: deque[list[float]] = deque(maxlen=PUSH_TICKS)
         self.contact: BodyContact | None = None
         self.last: BodyContact | None = None
         self.last_end = 0.0
@@ -102,13 +94,13 @@ class BodyTracker:
     """Tracker of contacts on the whole body: one at a time on each limb, and one on the trunk.
 
     - On a limb, a contact is on the last joint whose largest ratio of residual and threshold exceeds 1 and
-      RELATIVE_RATIO of the limb's largest. The last RATIO_MEMORY ticks count. Joints beyond the contact are shaken, but
+      RELATIVE_RATIO of the limb's largest. The last PUSH_TICKS ticks count. Joints beyond the contact are shaken, but
       less. The joint is determined at the detection and again REISOLATION_TIMES later. Then it changes only if it
       becomes blind.
     - The trunk carries the limbs. Residuals of its joints belong to the contact on a limb if that contact exists now,
       existed when they began, or ended at most ``rebound_window`` before. While friction may hide a touch on a limb,
       the limb of what the base shows is not known.
-    - A contact that begins on the trunk is reported TRUNK_REPORT_DELAY later. If a limb detects it until then, it is
+    - A contact that begins on the trunk is reported REPORT_DELAY later. If a limb detects it until then, it is
       reported on that limb at once. If a limb detects it later, within the last of REISOLATION_TIMES, it moves there
       and keeps its id.
     - A contact becomes a ``collision`` when a residual exceeds ``collision_factor`` times its threshold; a ``push``
@@ -283,7 +275,7 @@ class BodyTracker:
                 self._end(limb, contact, contact.fall_time, time, events)
                 return
         if contact.number is None:
-            if time - contact.begin_time + TIME_TOLERANCE >= TRUNK_REPORT_DELAY:
+            if time - contact.begin_time + TIME_TOLERANCE >= REPORT_DELAY:
                 if over:
                     self._locate(limb, contact, touching or over)
                 self._report(contact, "begin", time, events)

@@ -11,6 +11,7 @@ from pepper_driver.config import ObserverSettings
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_selector import Kind
 from pepper_driver.config.kernels import Matrix, kernel
+from pepper_driver.observer.constants import CORRECTION_TIME, STUCK_RATIO
 from pepper_driver.observer.interface import JointState
 
 ONSET_LEVEL = 1.0 / 3.0
@@ -98,19 +99,6 @@ class ResidualHistory:
 TIME_TOLERANCE = 1e-6
 """[s] Tolerance of times: sums of 12 ms steps are not exact in floating point."""
 
-STUCK_RATIO = 0.85
-"""Fraction of its peak: a residual that has fallen below it, is constant and within the friction band is not a hand.
-The hand has left, and friction holds the joint away from its target."""
-
-STUCK_TIME = 0.25
-"""[s] For which such a residual must be constant."""
-
-MAX_STUCK_TIME = 1.0
-"""[s] The same for a residual that has not fallen: a hand that is weaker than friction may leave without any motion."""
-
-STUCK_SPREAD = 0.25
-"""Fraction of the threshold by which a constant residual may vary."""
-
 Onset = Callable[[int, int, float], float]
 """Clock [s] at which the residual of a joint began to leave its band, from joint index, sign and threshold."""
 
@@ -156,7 +144,7 @@ class JointMonitor:
       and a missed touch is worse than a reported rebound.
     - BLIND: the residual is NaN. An excursion ends at once, and the next one is no rebound.
     An excursion also ends when the residual is constant within the friction band, below STUCK_RATIO of its peak or for
-    MAX_STUCK_TIME, if the observer can reset its model to the measured position. Beyond the friction band a constant
+    CORRECTION_TIME, if the observer can reset its model to the measured position. Beyond the friction band a constant
     residual is a hand.
 
     Args:
@@ -205,7 +193,7 @@ class JointMonitor:
             and self._stuck(current, time, residual, threshold, band)
         ):
             # The hand left when the residual became constant.
-            self._end(current, time - STUCK_TIME)
+            self._end(current, time - self._merge_gap)
             return JointState.RELEASE
         if (
             current is not None
@@ -269,12 +257,12 @@ class JointMonitor:
             self._constant_since = time
             self._lowest = self._highest = residual
         self._lowest, self._highest = min(self._lowest, residual), max(self._highest, residual)
-        if max(self._highest - residual, residual - self._lowest) > STUCK_SPREAD * threshold:
+        if max(self._highest - residual, residual - self._lowest) > (1.0 - STUCK_RATIO) * threshold:
             self._constant_since = None
             return False
         constant_time = time - self._constant_since + TIME_TOLERANCE
         fallen = abs(residual) < STUCK_RATIO * current.peak
-        return constant_time >= (STUCK_TIME if fallen else MAX_STUCK_TIME)
+        return constant_time >= (self._merge_gap if fallen else CORRECTION_TIME)
 
     def reset(self) -> None:
         """Forget everything."""

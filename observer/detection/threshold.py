@@ -13,6 +13,18 @@ import numpy as np
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.kernels import Out, Records, kernel, make_records
+from pepper_driver.observer.constants import (
+    EXCURSIONS,
+    MAX_CHANGE,
+    MIN_SPREAD,
+    MIN_TORQUE,
+    PUSH_TICKS,
+    REST_SPEED,
+    RISE,
+    SETTLING_TICKS,
+    TAIL,
+    UNSURE_FACTOR,
+)
 from pepper_driver.observer.running_filters import RunningMaximum
 
 SPREAD_QUANTILE = 0.99
@@ -20,39 +32,6 @@ SPREAD_QUANTILE = 0.99
 
 MIN_SAMPLES = 500
 """Six seconds in a phase of the motion, from which a spread is found; with fewer it is that of another phase."""
-
-MIN_SPREAD = np.radians(0.1)
-"""[rad] Smallest spread: one step of the encoder."""
-
-MIN_TORQUE = 0.08
-"""[N m] Smallest threshold as a torque: 100 g in a hand, unknown to the robot's description, turn a wrist."""
-
-TAIL = 0.37
-"""Growth of the largest residual per spread, as the time in which it is looked for grows by a factor of e."""
-
-EXCURSIONS = 5000.0
-"""In an hour of free motion of the whole robot, residuals leave their spread about so many times."""
-
-RISE = 0.002
-"""Growth of the spread in a tick whose residual is beyond it: ten minutes take it down again by a factor of e."""
-
-RISE_TICKS = 12
-"""Of one excursion in which the spread grows: a touch that is not detected must not widen its threshold."""
-
-MAX_CHANGE = 3.0
-"""Factor by which the spread of today is at most larger than as identified, and at most smaller."""
-
-REST_SPEED = 0.02
-"""[rad/s] Speed up to which a joint counts as at rest: friction may hold it."""
-
-MOTION_MEMORY = 0.2
-"""[s] For which a joint still counts as moving: its model settles."""
-
-LIMITED_FACTOR = 2.0
-"""Factor while the safety gate alters a command: the load torque belongs to the command before the gate."""
-
-QUIET_RATIO = 0.5
-"""Fraction of a threshold below which a residual is used for learning."""
 
 
 def threshold_factor(false_contacts: float) -> float:
@@ -86,7 +65,7 @@ def learn_spread(spreads: Out[Records[SpreadState]], j: int, size: float, smalle
     spread = spreads[j]
     if size > spread.today:
         spread.ticks += 1
-        if spread.ticks <= RISE_TICKS:
+        if spread.ticks <= PUSH_TICKS:
             spread.today *= 1.0 + RISE
     else:
         spread.ticks = 0
@@ -109,7 +88,7 @@ def _threshold(
         spread = in_motion[j].today if moving[j] else at_rest[j].today
         threshold[j] = np.maximum(spread * factor, lowest[j])
         if limited[j]:
-            threshold[j] *= LIMITED_FACTOR
+            threshold[j] *= UNSURE_FACTOR
 
 
 @kernel
@@ -162,7 +141,7 @@ class SpreadThreshold:
             make_records(SpreadState, n, identified=values, today=values)
             for values in self._identified.T
         )
-        self._speeds = RunningMaximum(MOTION_MEMORY, self._cycle, n)
+        self._speeds = RunningMaximum(SETTLING_TICKS * self._cycle, self._cycle, n)
         self.moving = np.zeros(n, dtype=np.bool_)
 
     @property

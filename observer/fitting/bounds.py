@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.observer.detection.threshold import MIN_SAMPLES, MIN_SPREAD, SPREAD_QUANTILE
+from pepper_driver.observer.constants import MIN_SPREAD
+from pepper_driver.observer.detection.threshold import MIN_SAMPLES, SPREAD_QUANTILE
 from pepper_driver.observer.fitting.samples import (
     fit_samples,
     in_working_range,

@@ -11,7 +11,7 @@ import numpy as np
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.observer.detection.threshold import REST_SPEED
+from pepper_driver.observer.constants import REST_SPEED
 from pepper_driver.observer.fitting.bounds import fit_spreads
 from pepper_driver.observer.fitting.mobile_base import fit_base
 from pepper_driver.observer.fitting.samples import fit_samples

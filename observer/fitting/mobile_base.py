@@ -10,6 +10,7 @@ import numpy as np
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import FloatArray, IntArray
+from pepper_driver.observer.constants import CORRECTION_TIME
 from pepper_driver.observer.detection.threshold import MIN_SAMPLES, SPREAD_QUANTILE
 from pepper_driver.observer.models.fusion_model import (
     OUTPUTS,
@@ -20,7 +21,6 @@ from pepper_driver.observer.models.fusion_model import (
 )
 from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.residuals.mobile_base import (
-    LEVEL_TIME,
     MIN_SPREADS,
     BaseGenerator,
     leg_indices,
@@ -128,7 +128,7 @@ def _without_level(values: FloatArray, cycle: float) -> FloatArray:
     from scipy.signal import lfilter  # slow to import, and needed here alone
 
     changes: FloatArray = lfilter(
-        [1.0, -1.0], [1.0, cycle / LEVEL_TIME - 1.0], values - values[0], axis=0
+        [1.0, -1.0], [1.0, cycle / CORRECTION_TIME - 1.0], values - values[0], axis=0
     )
     return changes
 

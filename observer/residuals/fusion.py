@@ -11,7 +11,17 @@ import numpy as np
 from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray, contiguous
 from pepper_driver.config.kernels import Out, Records, kernel
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.detection.threshold import QUIET_RATIO, REST_SPEED, SpreadThreshold
+from pepper_driver.observer.constants import (
+    BIAS_TIME,
+    CONFIRMING_RATIO,
+    MIN_SPREAD,
+    PUSH_TICKS,
+    QUIET_RATIO,
+    REST_SPEED,
+    SETTLING_TICKS,
+    UNSURE_FACTOR,
+)
+from pepper_driver.observer.detection.threshold import SpreadThreshold
 from pepper_driver.observer.interface import MAX_PLAUSIBLE, MIN_OBSERVED_STIFFNESS, Residuals
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.residuals.mobile_base import BaseGenerator
@@ -33,29 +43,8 @@ from pepper_driver.observer.residuals.prediction import (
 from pepper_driver.observer.residuals.torque_estimate import SPREAD_STDS, TorqueEstimate
 from pepper_driver.observer.running_filters import RunningMedian
 
-SETTLING_TICKS = 40
-"""Ticks after a contact in which its joint must come to rest for its model to start again there."""
-
 WORN_CHANGE = 2.9
 """Growth of the spread of a residual at which a joint counts as worn."""
-
-CONFIRMING_RATIO = 0.55
-"""Factor on the thresholds of limbs just after the base was pushed: one sign of touch confirms the other."""
-
-CONFIRMING_TICKS = 12
-"""For which it applies: friction of the joints holds a push back for a moment, the wheels show it at once."""
-
-DOUBT_TICKS = 25
-"""For which a joint must rest off its place to be in doubt: a touch shows in its current a moment later."""
-
-STRAY_FACTOR = 2.0
-"""On the threshold of a joint in doubt, until the first channel is within it again: its friction may have any sign."""
-
-MAX_LAG = 0.0015
-"""[rad] by which a board may hold its target behind the command: beyond it, the desired load is of another motion."""
-
-BIAS_TIME = 15.0
-"""[s] Time constant with which the bias of a free joint follows its residual: loads differ from those identified."""
 
 
 @kernel
@@ -253,14 +242,14 @@ class FusionGenerator:
     - if its stiffness is below MIN_OBSERVED_STIFFNESS;
     - if its sample is later than MAX_LATE_TICKS;
     - if a value is not finite;
-    - if a board of its limb or of the trunk holds its target more than MAX_LAG behind the command; a joint of the trunk
-      also if a board of any limb does.
+    - if a board of its limb or of the trunk holds its target more than MIN_SPREAD behind the command; a joint of the
+      trunk also if a board of any limb does.
 
     It stays blind until the median window has none of these samples. Its model then starts from the measured position.
 
-    A joint is in doubt if its command has rested for DOUBT_TICKS and more while the first channel alone was beyond the
-    threshold: it rests off its place, and its motor does not work against that. Until the first channel is within the
-    threshold again, and for DOUBT_TICKS after it was blind, its threshold is STRAY_FACTOR times as high.
+    A joint is in doubt if its command has rested for SETTLING_TICKS and more while the first channel alone was beyond
+    the threshold: it rests off its place, and its motor does not work against that. Until the first channel is within
+    the threshold again, and for SETTLING_TICKS after it was blind, its threshold is UNSURE_FACTOR times as high.
 
     Args:
         models: By joint, None for those without.
@@ -339,7 +328,7 @@ class FusionGenerator:
             self._base.reset()
         self._blind_ticks = np.zeros(n, dtype=np.int64)
         self._blind_countdown = 0
-        self._base_quiet, self._confirming, self._untouched = CONFIRMING_TICKS, 0, True
+        self._base_quiet, self._confirming, self._untouched = PUSH_TICKS, 0, True
         self._doubt_ticks = np.zeros(n, dtype=np.int64)
         self._stray_ticks = np.zeros(n, dtype=np.int64)
         self._change, self._bias = np.zeros(n), np.zeros(n)
@@ -378,7 +367,7 @@ class FusionGenerator:
         self._predictor.step(target, load_torque, velocity, acceleration, measured)
         # A late sample is the response to an older command.
         prediction = self._predictor.before(late_ticks)
-        behind = np.abs(prediction.target - prediction.board_target) > MAX_LAG
+        behind = np.abs(prediction.target - prediction.board_target) > MIN_SPREAD
         falls_behind = bool(np.count_nonzero(behind))
         if falls_behind:
             good &= ~self._carries[behind].any(axis=0)
@@ -400,7 +389,7 @@ class FusionGenerator:
         blind = self._blind(bad, measured)
         own = self._threshold.step(contiguous(prediction.speed), limited)
         # Where a board follows another target, the current alone can show a touch.
-        alone = np.where(self._stray_ticks > 0, STRAY_FACTOR * own, own)
+        alone = np.where(self._stray_ticks > 0, UNSURE_FACTOR * own, own)
         threshold = alone.copy()
         base = (np.nan, np.nan)
         if self._base is not None:
@@ -443,8 +432,8 @@ class FusionGenerator:
         """Return the factor on thresholds of limbs that a push on the base makes."""
         if abs(base_residual) > 1.0:
             # A hand that lets go shakes the base as well.
-            if self._base_quiet >= CONFIRMING_TICKS and self._untouched:
-                self._confirming = CONFIRMING_TICKS
+            if self._base_quiet >= PUSH_TICKS and self._untouched:
+                self._confirming = PUSH_TICKS
             self._base_quiet = 0
         else:
             self._base_quiet += 1
@@ -460,9 +449,11 @@ class FusionGenerator:
         off = (np.abs(model) > threshold) & (np.abs(residual) <= threshold)
         off &= ~(self._threshold.moving | blind)
         self._doubt_ticks = np.where(off, self._doubt_ticks + 1, 0)
-        doubtful: BoolArray = self._doubt_ticks >= DOUBT_TICKS
+        doubtful: BoolArray = self._doubt_ticks >= SETTLING_TICKS
         strays = doubtful | ((self._stray_ticks > 0) & (np.abs(model) > threshold))
-        self._stray_ticks = np.where(blind, DOUBT_TICKS, np.maximum(self._stray_ticks - 1, strays))
+        self._stray_ticks = np.where(
+            blind, SETTLING_TICKS, np.maximum(self._stray_ticks - 1, strays)
+        )
         return doubtful
 
     def _blind(self, bad: BoolArray | None, measured: FloatArray) -> BoolArray:

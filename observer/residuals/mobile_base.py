@@ -15,8 +15,14 @@ from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray, contiguous
 from pepper_driver.config.kernels import Block, Matrix, Out, Records, kernel, make_records
 from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.constants import (
+    CORRECTION_TIME,
+    QUIET_RATIO,
+    REST_SPEED,
+    ROCKING_SPEED,
+    SETTLING_TICKS,
+)
 from pepper_driver.observer.detection.threshold import (
-    MOTION_MEMORY,
     SpreadState,
     learn_spread,
     threshold_factor,
@@ -24,21 +30,6 @@ from pepper_driver.observer.detection.threshold import (
 from pepper_driver.observer.interface import MAX_PLAUSIBLE
 from pepper_driver.observer.models.fusion_model import OUTPUTS, TAPS, BaseModel
 from pepper_driver.observer.running_filters import RunningMedian
-
-STANDSTILL_SPEED = 0.005
-"""[m/s], [rad/s] Commanded speed below which, for the length of the response, the base counts as standing."""
-
-SLOW_SPEED = 0.2
-"""[rad/s] Desired speed of joints below which they do not rock the base."""
-
-AXIS_HYSTERESIS = 0.5
-"""Fraction of the largest residual down to which the previous axis remains the reported one."""
-
-POST_DRIVE_TIME = 0.3
-"""[s] After the response to a drive, in which the spread for driving still applies."""
-
-LEVEL_TIME = 2.0
-"""[s] Time constant with which the level of the inertial unit is followed: it leans with the robot."""
 
 FROZEN_TICKS = 2
 """From which on values that the inertial unit repeats count as missing: the filter takes out fewer."""
@@ -164,7 +155,7 @@ def _judge_base(
         if abs(ratio) > abs(filtered[largest] / spreads[largest].today):
             largest = output
     before = abs(filtered[axis] / spreads[axis].today)
-    if before < AXIS_HYSTERESIS * abs(filtered[largest] / spreads[largest].today):
+    if before < QUIET_RATIO * abs(filtered[largest] / spreads[largest].today):
         axis = largest
     return axis, math.copysign(math.sqrt(square) / factor, filtered[axis])
 
@@ -218,9 +209,12 @@ class BaseGenerator:
         self._factor, self._adapt = threshold_factor(false_contacts), adapt
         self._legs = np.array(leg_indices(robot), dtype=np.int64)
         self._inverse = np.array(robot.wheels.inverse, dtype=np.float64, order="C")
-        self._window, self._standing_delay = window, TAPS + round(POST_DRIVE_TIME / robot.cycle)
-        self._still_delay = round(MOTION_MEMORY / robot.cycle)
-        self._pace, self._memory = robot.cycle / LEVEL_TIME, round(LEVEL_TIME / robot.cycle)
+        self._window, self._standing_delay = window, TAPS + SETTLING_TICKS
+        self._still_delay = SETTLING_TICKS
+        self._pace, self._memory = (
+            robot.cycle / CORRECTION_TIME,
+            round(CORRECTION_TIME / robot.cycle),
+        )
         self._respond, self._compare = _respond.load(), _compare.load()
         self._judge, self._learn = _judge_base.load(), _learn_base.load()
         self.reset()
@@ -296,7 +290,7 @@ class BaseGenerator:
 
     @property
     def misses_inertial_unit(self) -> bool:
-        """True if an inertial unit that the model knows has given no values, or the same ones, for LEVEL_TIME."""
+        """True if an inertial unit that the model knows has given no values, or the same ones, for CORRECTION_TIME."""
         return self._has_unit and bool((self._missing > self._memory).any())
 
     def _predict(self, tick: Tick) -> FloatArray:
@@ -313,8 +307,8 @@ class BaseGenerator:
             predicted,
         )
         self._count += 1
-        self._standing_ticks = self._standing_ticks + 1 if fastest < STANDSTILL_SPEED else 0
-        slow = np.abs(tick.reference.velocity).max() < SLOW_SPEED
+        self._standing_ticks = self._standing_ticks + 1 if fastest < REST_SPEED else 0
+        slow = np.abs(tick.reference.velocity).max() < ROCKING_SPEED
         self._still_ticks = self._still_ticks + 1 if slow else 0
         return predicted
 

@@ -20,13 +20,19 @@ import numpy as np
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.kernels import Out, Records, kernel, make_records
 from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.constants import (
+    ANSWER_RATIO,
+    ANSWER_TICKS,
+    MAX_STRAY,
+    MIN_DRIVE,
+    SETTLING_TICKS,
+    SMOOTHING_TIME,
+    UNSURE_FACTOR,
+)
 from pepper_driver.observer.interface import MIN_OBSERVED_STIFFNESS, Residuals, StaticGeneratorMixin
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.recording import STALE_AGE
 from pepper_driver.observer.running_filters import RunningMedian
-
-SMOOTHING_TIME = 0.03
-"""[s] Time constant of the derivatives: an encoder step of 0.09 deg in one tick is 0.13 rad/s."""
 
 
 class DerivativeFilter:
@@ -127,29 +133,6 @@ class ErrorDerivatives:
         self.started = False
 
 
-ANSWER_RATIO = 0.6
-"""Fraction of the output of its law that the current of a board must show, so that this output determines its sign."""
-
-MIN_DRIVE = np.radians(0.3)
-"""[rad] Output of the law below which its sign is not known."""
-
-MAX_STRAY = np.radians(4.0)
-"""[rad] Output of the law beyond which a board does not only follow another target: recorded ones are off by less."""
-
-LIMITED_RATIO = 1.5
-"""Factor on the needed torque beyond which the current counts as an answer to such an output: boards have limits."""
-
-ANSWER_TICKS = 3
-"""For which the current must have shown it: boards sometimes follow another target for a moment."""
-
-REVERSAL_RATIO = 0.7
-"""Fraction of its recent size below which a current may be reversing: it passes zero then, and is smoothed."""
-
-REVERSAL_TICKS = 25
-"""After that, in which an output may begin to determine the sign: at the stray target of a board, which rests, the
-current does not reverse. Also the time constant of the recent size."""
-
-
 class CurrentChannel:
     """Constants and state of the current of one joint; the constants of a joint without parameters are NaN.
 
@@ -162,7 +145,7 @@ class CurrentChannel:
         by_current: True if the current shows the torque of the motor.
         answered: Ticks for which the current has shown the output of the board's law, with the sign of this output.
         recent: Recent size of its torque / K [rad].
-        steady: Ticks for which it has not fallen below REVERSAL_RATIO of this size.
+        steady: Ticks for which it has not fallen below ANSWER_RATIO of this size.
     """
 
     inertia: float
@@ -220,13 +203,13 @@ def current_residual(
     p = channels[j]
     needed = p.inertia * acceleration + p.lag * velocity + resistance + p.offset
     size, output = p.torque_per_ampere * current, drive - p.back_emf * velocity
-    p.recent = max(size, p.recent * (1.0 - 1.0 / REVERSAL_TICKS))
-    p.steady = p.steady + 1 if size > max(REVERSAL_RATIO * p.recent, MIN_DRIVE) else 0
+    p.recent = max(size, p.recent * (1.0 - 1.0 / SETTLING_TICKS))
+    p.steady = p.steady + 1 if size > max(ANSWER_RATIO * p.recent, MIN_DRIVE) else 0
     answers = abs(output) > MIN_DRIVE and size > ANSWER_RATIO * abs(output)
     side = 1 if output > 0.0 else -1
     before = max(side * p.answered, 0)
-    answers = answers and (before > 0 or p.steady <= REVERSAL_TICKS)
-    answers = answers or (abs(output) > MAX_STRAY and size > LIMITED_RATIO * abs(needed))
+    answers = answers and (before > 0 or p.steady <= SETTLING_TICKS)
+    answers = answers or (abs(output) > MAX_STRAY and size > UNSURE_FACTOR * abs(needed))
     p.answered = side * (before + 1) if answers else 0
     motor = math.copysign(size, output if abs(p.answered) >= ANSWER_TICKS else needed)
     return motor - needed, motor

@@ -10,7 +10,7 @@ import numpy as np
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.kernels import Out, Records, kernel, make_records
-from pepper_driver.observer.detection.threshold import REST_SPEED
+from pepper_driver.observer.constants import CORRECTION_TIME, REST_SPEED
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.stick_slip import (
     StickSlipModel,
@@ -21,13 +21,6 @@ from pepper_driver.observer.models.tree import BatchedTrees
 
 MAX_LATE_TICKS = 3
 """Ticks by which a sample may be late and still be compared with the prediction for its time."""
-
-INTEGRAL_CORRECTION_TIME = 1.0
-"""[s] Time constant with which the current corrects the estimated integral of a motor board. The current has no sign,
-and a sign that is wrong for a moment must not confirm itself."""
-
-REST_CORRECTION_TIME = 1.5
-"""[s] Time constant with which the stick-slip model of a free joint at rest moves to the measured position."""
 
 
 @dataclass(slots=True)
@@ -85,7 +78,7 @@ def update_integral(
     joint = joints[j]
     if joint.integrates:
         joint.board_integral += joint.integral_rate * cycle * error
-        correction = cycle / INTEGRAL_CORRECTION_TIME
+        correction = cycle / CORRECTION_TIME
         joint.board_integral += correction * (motor - error - joint.board_integral)
 
 
@@ -144,7 +137,7 @@ class ErrorPredictor:
         )
         self._models = StickSlipModel(self.identified, cycle)
         self._remainders = BatchedTrees([None if m is None else m.remainder for m in models])
-        self._correction = cycle / REST_CORRECTION_TIME
+        self._correction = cycle / CORRECTION_TIME
         p = self.identified
         # Motion in one direction, then break-away in the other.
         both = 1.0 + p["breakaway"]

@@ -9,7 +9,7 @@ import numpy as np
 
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.kernels import Out, Records, kernel, make_records
-from pepper_driver.observer.detection.threshold import QUIET_RATIO
+from pepper_driver.observer.constants import QUIET_RATIO
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.stick_slip import stick_slip_constants
 from pepper_driver.observer.running_filters import RunningMaximum

@@ -1,0 +1,90 @@
+"""Run-time constants of mode ``fusion``, with those of its settings in ``observer.yaml``.
+
+They decide if, when and on which limb a contact is reported. Each was chosen on simulated development robots;
+docs/observer.md shows what half and twice its value change (`benchmarks/sensitivity.py`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# -- spreads and thresholds -------------------------------------------------------------------------------------------
+
+MIN_SPREAD = np.radians(0.1)
+"""[rad] Smallest spread: a step of the encoder. A board whose target is farther behind its command follows another."""
+
+MIN_TORQUE = 0.08
+"""[N m] Smallest threshold as a torque: 100 g in a hand, unknown to the robot's description, turn a wrist."""
+
+TAIL = 0.37
+"""Growth of the largest residual per spread, as the time in which it is looked for grows by a factor of e."""
+
+EXCURSIONS = 5000.0
+"""In an hour of free motion of the whole robot, residuals leave their spread about so many times."""
+
+RISE = 0.002
+"""Growth of the spread in a tick whose residual is beyond it: ten minutes take it down again by a factor of e."""
+
+MAX_CHANGE = 3.0
+"""Factor by which the spread of today is at most larger than as identified, and at most smaller."""
+
+QUIET_RATIO = 0.5
+"""Fraction of a threshold below which a residual is used for learning, and a touch is over."""
+
+UNSURE_FACTOR = 2.0
+"""On a threshold that does not hold now: while the safety gate alters the command, and in doubt."""
+
+CONFIRMING_RATIO = 0.55
+"""On the thresholds of limbs just after the base was pushed: one sign of touch confirms the other."""
+
+# -- times ------------------------------------------------------------------------------------------------------------
+
+PUSH_TICKS = 12
+"""In which a push that begins shows in all joints that it turns: friction holds it back for a moment."""
+
+SETTLING_TICKS = 25
+"""In which a joint, its current and the base settle: 0.3 s."""
+
+CORRECTION_TIME = 1.5
+"""[s] Time constant of models that follow what they do not know: rest positions, integrals, level of the robot."""
+
+BIAS_TIME = 15.0
+"""[s] Time constant with which the bias of a free joint follows its residual: loads differ from those identified."""
+
+SMOOTHING_TIME = 0.03
+"""[s] Time constant of the derivatives: an encoder step of 0.09 deg in one tick is 0.13 rad/s."""
+
+# -- motion -----------------------------------------------------------------------------------------------------------
+
+REST_SPEED = 0.02
+"""[rad/s], of the base also [m/s]: up to it a joint or the base counts as at rest. Friction may hold it."""
+
+ROCKING_SPEED = 0.2
+"""[rad/s] Desired speed of joints below which they do not rock the base."""
+
+# -- sign of the current ----------------------------------------------------------------------------------------------
+
+MIN_DRIVE = np.radians(0.3)
+"""[rad] Output of the law of a board below which its sign is not known."""
+
+MAX_STRAY = np.radians(4.0)
+"""[rad] Output of the law beyond which a board does not only follow another target: recorded ones are off by less."""
+
+ANSWER_RATIO = 0.65
+"""Fraction of the output of its law that the current of a board must show, so that this output determines its sign.
+Below this fraction of its recent size a current may be reversing: it passes zero then, and is smoothed."""
+
+ANSWER_TICKS = 3
+"""For which the current must have shown it: boards sometimes follow another target for a moment."""
+
+# -- end and place ----------------------------------------------------------------------------------------------------
+
+STUCK_RATIO = 0.85
+"""Fraction of its peak below which a constant residual within the friction band is not a hand: the hand has left, and
+friction holds the joint away from its target. It is constant while it varies by less than the rest of its threshold."""
+
+RELATIVE_RATIO = 0.35
+"""Fraction of the largest ratio of residual and threshold in a limb: the contact only shakes joints below it."""
+
+REPORT_DELAY = 0.1
+"""[s] The base often detects a push on a limb first, and the limb detects it within this time."""
