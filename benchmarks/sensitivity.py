@@ -42,63 +42,18 @@ from pepper_driver.evaluation.touch.split import CALIBRATION, EXPERIMENT, board_
 from pepper_driver.evaluation.touch.summary import group_of, summarise_touch
 from pepper_driver.evaluation.touch.takes import TakeSpec, perform, plan_takes
 from pepper_driver.identification import identify_population
-from pepper_driver.observer import ContactObserver, ModelSet, Observer, Recording
+from pepper_driver.observer import ContactObserver, ModelSet, Observer, Recording, constants
 
 SETTINGS = "config"
 
-CONSTANTS: dict[str, tuple[str, ...]] = {
-    SETTINGS: ("fusion_window", "false_contacts", "merge_gap", "rebound_window"),
-    "detection.threshold": (
-        "MIN_SPREAD",
-        "MIN_TORQUE",
-        "TAIL",
-        "RISE",
-        "RISE_TICKS",
-        "MAX_CHANGE",
-        "REST_SPEED",
-        "MOTION_MEMORY",
-        "LIMITED_FACTOR",
-        "QUIET_RATIO",
-    ),
-    "residuals.fusion": (
-        "BIAS_TIME",
-        "CONFIRMING_RATIO",
-        "CONFIRMING_TICKS",
-        "DOUBT_TICKS",
-        "SETTLING_TICKS",
-        "STRAY_FACTOR",
-        "MAX_LAG",
-    ),
-    "residuals.momentum": (
-        "SMOOTHING_TIME",
-        "ANSWER_RATIO",
-        "MIN_DRIVE",
-        "ANSWER_TICKS",
-        "REVERSAL_RATIO",
-        "REVERSAL_TICKS",
-        "MAX_STRAY",
-        "LIMITED_RATIO",
-    ),
-    "residuals.prediction": (
-        "INTEGRAL_CORRECTION_TIME",
-        "REST_CORRECTION_TIME",
-    ),
-    "residuals.mobile_base": (
-        "STANDSTILL_SPEED",
-        "SLOW_SPEED",
-        "AXIS_HYSTERESIS",
-        "POST_DRIVE_TIME",
-        "LEVEL_TIME",
-    ),
-    "detection.excursions": (
-        "STUCK_RATIO",
-        "STUCK_TIME",
-        "MAX_STUCK_TIME",
-        "STUCK_SPREAD",
-    ),
-    "detection.body_isolation": ("RELATIVE_RATIO", "RATIO_MEMORY", "TRUNK_REPORT_DELAY"),
+SETTINGS_VARIED = ("fusion_window", "false_contacts", "merge_gap", "rebound_window")
+"""Of ``observer.yaml``: the others say how contacts are reported."""
+
+CONSTANTS = {
+    SETTINGS: SETTINGS_VARIED,
+    "constants": tuple(name for name in vars(constants) if name.isupper()),
 }
-"""By their place, constants that decide whether, when and on which limb a contact is reported."""
+"""By their place, constants that decide if, when and on which limb a contact is reported."""
 
 FACTORS = (0.5, 2.0)
 

@@ -21,7 +21,6 @@ from pepper_driver.observer.constants import (
     PUSH_TICKS,
     REST_SPEED,
     RISE,
-    SETTLING_TICKS,
     TAIL,
     UNSURE_FACTOR,
 )
@@ -141,7 +140,7 @@ class SpreadThreshold:
             make_records(SpreadState, n, identified=values, today=values)
             for values in self._identified.T
         )
-        self._speeds = RunningMaximum(SETTLING_TICKS * self._cycle, self._cycle, n)
+        self._speeds = RunningMaximum(PUSH_TICKS * self._cycle, self._cycle, n)
         self.moving = np.zeros(n, dtype=np.bool_)
 
     @property

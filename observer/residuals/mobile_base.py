@@ -17,6 +17,7 @@ from pepper_driver.config.kernels import Block, Matrix, Out, Records, kernel, ma
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
     CORRECTION_TIME,
+    PUSH_TICKS,
     QUIET_RATIO,
     REST_SPEED,
     ROCKING_SPEED,
@@ -210,7 +211,7 @@ class BaseGenerator:
         self._legs = np.array(leg_indices(robot), dtype=np.int64)
         self._inverse = np.array(robot.wheels.inverse, dtype=np.float64, order="C")
         self._window, self._standing_delay = window, TAPS + SETTLING_TICKS
-        self._still_delay = SETTLING_TICKS
+        self._still_delay = PUSH_TICKS
         self._pace, self._memory = (
             robot.cycle / CORRECTION_TIME,
             round(CORRECTION_TIME / robot.cycle),

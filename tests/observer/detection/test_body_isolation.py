@@ -10,16 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.config.robot import TRUNK
+from pepper_driver.observer.constants import PUSH_TICKS, RELATIVE_RATIO, REPORT_DELAY
 from pepper_driver.observer.detection.body_isolation import (
     BASE_LINK,
     COLLISION_TIME,
     HOLD_TIME,
-    RATIO_MEMORY,
     REISOLATION_TIMES,
-    RELATIVE_RATIO,
     TAP_TIME,
     TRUNK_LINK,
-    TRUNK_REPORT_DELAY,
     BodyTracker,
 )
 from pepper_driver.observer.interface import (
@@ -36,7 +34,7 @@ from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS
 # Another value for each joint, so that ratios and residuals differ.
 THRESHOLDS = np.linspace(0.01, 0.04, JOINTS)
 PERIOD = round(SETTINGS.update_period / CYCLE)
-HELD = math.ceil(TRUNK_REPORT_DELAY / CYCLE)
+HELD = math.ceil(REPORT_DELAY / CYCLE)
 GAP = round(SETTINGS.merge_gap / CYCLE)
 QUIET = GAP + 3
 FIRST, LAST = (math.ceil(span / CYCLE) for span in REISOLATION_TIMES)
@@ -160,7 +158,7 @@ def test_a_revision_may_move_inwards_when_the_first_blow_is_forgotten() -> None:
     player = Player()
     assert story(player.play(1, LShoulderRoll=3.0, LWristYaw=2.0)) == [(1, "begin", "LWristYaw")]
     events = player.play(LAST, LShoulderRoll=6.0, LWristYaw=1.1)
-    if LAST > RATIO_MEMORY:
+    if LAST > PUSH_TICKS:
         assert events[-1].joint == "LShoulderRoll"
     assert {event.id for event in events} == {1}
 

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pepper_driver.observer.detection.excursions import MAX_STUCK_TIME, STUCK_TIME, JointMonitor
+from pepper_driver.observer.constants import CORRECTION_TIME
+from pepper_driver.observer.detection.excursions import JointMonitor
 from pepper_driver.observer.interface import JointState
 from support.observer import CYCLE, SETTINGS, THRESHOLD
 
@@ -158,8 +159,8 @@ def test_values_under_the_threshold_change_nothing(rows: list[tuple[bool, float,
 
 
 BAND = 2.5 * THRESHOLD
-STUCK = math.ceil(STUCK_TIME / CYCLE)
-LONGEST = math.ceil(MAX_STUCK_TIME / CYCLE)
+STUCK = GAP
+LONGEST = math.ceil(CORRECTION_TIME / CYCLE)
 
 
 class Settler:

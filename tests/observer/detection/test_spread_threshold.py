@@ -11,16 +11,18 @@ from hypothesis import strategies as st
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.kernels import make_records
-from pepper_driver.observer.detection.threshold import (
+from pepper_driver.observer.constants import (
     EXCURSIONS,
-    LIMITED_FACTOR,
     MAX_CHANGE,
     MIN_SPREAD,
     MIN_TORQUE,
-    MOTION_MEMORY,
     REST_SPEED,
-    SPREAD_QUANTILE,
+    SETTLING_TICKS,
     TAIL,
+    UNSURE_FACTOR,
+)
+from pepper_driver.observer.detection.threshold import (
+    SPREAD_QUANTILE,
     SpreadState,
     SpreadThreshold,
     learn_spread,
@@ -30,7 +32,7 @@ from support.observer import CYCLE
 
 FALSE_CONTACTS = 0.1
 FACTOR = 1.0 + 0.37 * math.log(50_000.0)
-MEMORY = round(MOTION_MEMORY / CYCLE)
+MEMORY = SETTLING_TICKS
 LN_100 = math.log(100.0)
 NORMAL_QUANTILE = 2.5758  # of the size of standard normal numbers, 0.99
 
@@ -202,9 +204,9 @@ def test_a_command_that_the_gate_alters_doubles_the_threshold_as_long_as_it_does
     target = made((0.01, 0.01), (1e-5, 1e-5), load_gain=0.25)
     plain = step(target)
     np.testing.assert_allclose(
-        target.step(np.zeros(2), np.array([True, False])), plain * [LIMITED_FACTOR, 1.0]
+        target.step(np.zeros(2), np.array([True, False])), plain * [UNSURE_FACTOR, 1.0]
     )
-    np.testing.assert_allclose(step(target, limited=True), plain * LIMITED_FACTOR)
+    np.testing.assert_allclose(step(target, limited=True), plain * UNSURE_FACTOR)
     np.testing.assert_array_equal(step(target), plain)
 
 

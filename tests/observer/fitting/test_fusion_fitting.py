@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.observer.constants import MIN_SPREAD
 from pepper_driver.observer.contact_observer import ContactObserver
-from pepper_driver.observer.detection.threshold import MIN_SPREAD
 from pepper_driver.observer.fitting.bounds import MOMENTUM_FACTOR, fit_spreads, free_residual
 from pepper_driver.observer.fitting.fusion import FittedFusion, fit_fusion, fit_joint_fusion
 from pepper_driver.observer.fitting.stick_slip import START_UP_TIME

@@ -12,16 +12,11 @@ from hypothesis import strategies as st
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.constants import BIAS_TIME, SETTLING_TICKS, UNSURE_FACTOR
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.interface import Contact, JointState
 from pepper_driver.observer.models.fusion_model import MomentumParameters
-from pepper_driver.observer.residuals.fusion import (
-    BIAS_TIME,
-    DOUBT_TICKS,
-    STRAY_FACTOR,
-    FusionGenerator,
-    FusionParts,
-)
+from pepper_driver.observer.residuals.fusion import FusionGenerator, FusionParts
 from support.examples import examples
 from support.fusion import (
     BOUND,
@@ -235,7 +230,7 @@ def test_a_joint_that_rests_off_its_command_without_current_is_in_doubt(
     for one in made[100:]:
         one.measurement.position[ELBOW] -= offset
     seen, events = states(fusion_observer(), made)
-    begin = 100 + SETTINGS.fusion_window // 2 + DOUBT_TICKS - 1
+    begin = 100 + SETTINGS.fusion_window // 2 + SETTLING_TICKS - 1
     assert set(seen[:begin]) == {JointState.FREE}
     assert set(seen[begin:]) == {JointState.DOUBTFUL}
     assert events == []
@@ -270,10 +265,10 @@ def test_a_joint_in_doubt_needs_more_until_its_error_is_gone() -> None:
     seen = [target.step(one) for one in made]
     assert all(one.contacts == () for one in seen)
     factor = np.array([one.threshold[ELBOW] for one in seen]) / seen[0].threshold[ELBOW]
-    begin = rests + SETTINGS.fusion_window // 2 + DOUBT_TICKS
+    begin = rests + SETTINGS.fusion_window // 2 + SETTLING_TICKS
     np.testing.assert_allclose(factor[:begin], 1.0)
     assert np.abs(motion.velocity[moves : moves + 100]).max() > 0.3
-    np.testing.assert_allclose(factor[begin : moves + 100], STRAY_FACTOR)
+    np.testing.assert_allclose(factor[begin : moves + 100], UNSURE_FACTOR)
     np.testing.assert_allclose(factor[moves + 110 :], 1.0)
 
 

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.constants import MIN_SPREAD, REST_SPEED, SETTLING_TICKS, UNSURE_FACTOR
 from pepper_driver.observer.contact_observer import ContactObserver
-from pepper_driver.observer.detection.threshold import LIMITED_FACTOR, MOTION_MEMORY, REST_SPEED
 from pepper_driver.observer.interface import (
     MIN_OBSERVED_STIFFNESS,
     Contact,
@@ -25,12 +25,7 @@ from pepper_driver.observer.interface import (
     Observation,
 )
 from pepper_driver.observer.models.fusion_model import TAPS, BaseModel, MotorTorque
-from pepper_driver.observer.residuals.fusion import (
-    DOUBT_TICKS,
-    MAX_LAG,
-    STRAY_FACTOR,
-    FusionParts,
-)
+from pepper_driver.observer.residuals.fusion import FusionParts
 from pepper_driver.observer.residuals.mobile_base import BaseGenerator
 from pepper_driver.observer.residuals.prediction import MAX_LATE_TICKS
 from support.examples import examples
@@ -206,16 +201,16 @@ def test_a_joint_is_blind_while_its_board_holds_its_target_behind_the_command(
     """Also where the target then runs faster than it was measured to, as recorded robots do at times."""
     command, target = chase(speed)
     assert np.abs(command.velocity).max() > 1.2
-    behind = np.abs(command.position - chase(0.8)[1].position) > MAX_LAG
+    behind = np.abs(command.position - chase(0.8)[1].position) > MIN_SPREAD
     caught_up = int(np.flatnonzero(behind)[-1]) + 1
-    push = push_profile(len(target), (caught_up + DOUBT_TICKS + 10) * CYCLE, 0.5, torque)
+    push = push_profile(len(target), (caught_up + SETTLING_TICKS + 10) * CYCLE, 0.5, torque)
     made = ticks_of(target, drive(target, torque=push))
     for one, position in zip(made, command.position, strict=True):
         one.sent.position[ELBOW] = one.reference.position[ELBOW] = position
     observations, events = run(fusion_observer(LIMITED), made)
     state = np.array([one.state[ELBOW] for one in observations])
     assert (state[behind] == JointState.BLIND).all()
-    assert (state[caught_up + WINDOW : caught_up + DOUBT_TICKS] == JointState.FREE).all()
+    assert (state[caught_up + WINDOW : caught_up + SETTLING_TICKS] == JointState.FREE).all()
     assert bool(events) == bool(torque)
     # Where the limit is not known, the position alone would show a touch.
     assert run(fusion_observer(parts=FusionParts(current=False)), made)[1]
@@ -273,8 +268,8 @@ def test_a_joint_that_was_blind_needs_more_until_it_is_known_to_rest_in_its_plac
     factor = of_elbow(observations, "threshold") / observations[0].threshold[ELBOW]
     begin = 100 + WINDOW
     assert np.isnan(factor[100:begin]).all()
-    np.testing.assert_allclose(factor[begin : begin + DOUBT_TICKS], STRAY_FACTOR)
-    np.testing.assert_allclose(factor[begin + DOUBT_TICKS :], 1.0)
+    np.testing.assert_allclose(factor[begin : begin + SETTLING_TICKS], UNSURE_FACTOR)
+    np.testing.assert_allclose(factor[begin + SETTLING_TICKS :], 1.0)
     assert events == []
 
 
@@ -515,7 +510,7 @@ def test_a_command_that_the_gate_alters_widens_the_threshold_as_long_as_it_does(
     observations, events = run(fusion_observer(parts=FusionParts(limbs=False)), made)
     assert events == []
     threshold = of_elbow(observations, "threshold")
-    np.testing.assert_allclose(threshold[100:110], LIMITED_FACTOR * BOUND)
+    np.testing.assert_allclose(threshold[100:110], UNSURE_FACTOR * BOUND)
     np.testing.assert_allclose(np.delete(threshold, np.r_[100:110]), BOUND)
     assert all(one.state[ELBOW] == JointState.FREE for one in observations)
     np.testing.assert_allclose([one.threshold[HEAD] for one in observations], BOUND)
@@ -530,7 +525,7 @@ def test_the_threshold_is_that_of_rest_or_of_motion() -> None:
     )
     # Where it slides: friction holds it for a moment where it is to begin, and where it turns.
     speed = np.abs(np.gradient(drive(motion).position, CYCLE))
-    memory = round(MOTION_MEMORY / CYCLE)
+    memory = SETTLING_TICKS
     recent = np.array([speed[max(0, k + 1 - memory) : k + 1].max() for k in range(len(motion))])
     expected = np.where(recent > REST_SPEED, 0.03, 0.01)
     found = of_elbow(observations, "threshold")

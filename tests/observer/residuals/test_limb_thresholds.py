@@ -13,15 +13,11 @@ from hypothesis import strategies as st
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.constants import CONFIRMING_RATIO, PUSH_TICKS
 from pepper_driver.observer.contact_observer import limb_numbers
 from pepper_driver.observer.interface import Contact, Residuals
 from pepper_driver.observer.models.fusion_model import TAPS, BaseModel
-from pepper_driver.observer.residuals.fusion import (
-    CONFIRMING_RATIO,
-    CONFIRMING_TICKS,
-    FusionGenerator,
-    FusionParts,
-)
+from pepper_driver.observer.residuals.fusion import FusionGenerator, FusionParts
 from support.examples import examples
 from support.fusion import BOUND, ELBOW, PER_AMPERE, fusion_generator, fusion_observer
 from support.observer import JOINTS, ROBOT, SETTINGS, tick
@@ -154,19 +150,17 @@ def test_a_push_on_the_base_lowers_thresholds_for_a_while() -> None:
     factor = thresholds([False] * 5 + [True] * 100 + [False] * 50)
     first = 5 + WINDOW // 2  # of the median
     expected = np.ones(len(factor))
-    expected[first : first + CONFIRMING_TICKS] = CONFIRMING_RATIO
+    expected[first : first + PUSH_TICKS] = CONFIRMING_RATIO
     np.testing.assert_allclose(factor, expected)
 
 
-@pytest.mark.parametrize(
-    ("pause", "again"), [(CONFIRMING_TICKS + 4, False), (ENDED + CONFIRMING_TICKS, True)]
-)
+@pytest.mark.parametrize(("pause", "again"), [(PUSH_TICKS + 4, False), (ENDED + PUSH_TICKS, True)])
 def test_only_a_push_after_quiet_does_so(pause: int, again: bool) -> None:
     """After the contact of the one before: a hand that lets go shakes the base as well."""
-    push = [True] * (2 * CONFIRMING_TICKS)
+    push = [True] * (2 * PUSH_TICKS)
     factor = thresholds([*push, *[False] * pause, *push])
     confirmed = int(np.count_nonzero(factor < 0.99))
-    assert confirmed == (2 if again else 1) * CONFIRMING_TICKS
+    assert confirmed == (2 if again else 1) * PUSH_TICKS
 
 
 def test_without_the_part_a_push_on_the_base_lowers_nothing() -> None:

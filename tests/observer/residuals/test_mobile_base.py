@@ -13,11 +13,13 @@ from pepper_driver.backends.fields import Imu
 from pepper_driver.config import PepperError
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.detection.threshold import (
+from pepper_driver.observer.constants import (
+    CORRECTION_TIME,
     MAX_CHANGE,
-    MOTION_MEMORY,
-    threshold_factor,
+    ROCKING_SPEED,
+    SETTLING_TICKS,
 )
+from pepper_driver.observer.detection.threshold import threshold_factor
 from pepper_driver.observer.fitting.mobile_base import fit_base
 from pepper_driver.observer.models.fusion_model import (
     OUTPUTS,
@@ -28,13 +30,7 @@ from pepper_driver.observer.models.fusion_model import (
     Six,
 )
 from pepper_driver.observer.recording import Recording, RecordingBuilder
-from pepper_driver.observer.residuals.mobile_base import (
-    LEVEL_TIME,
-    MIN_SPREADS,
-    POST_DRIVE_TIME,
-    SLOW_SPEED,
-    BaseGenerator,
-)
+from pepper_driver.observer.residuals.mobile_base import MIN_SPREADS, BaseGenerator
 from support.observer import CYCLE, JOINTS, ROBOT, tick
 
 WINDOW = 5
@@ -187,7 +183,7 @@ def test_a_phase_that_no_run_shows_is_as_rough_as_the_next() -> None:
     outputs = 0.1 * rng.standard_normal((n, 6))
     moving = standing(n, outputs)
     for one in moving:
-        one.reference.velocity[:] = 2.0 * SLOW_SPEED
+        one.reference.velocity[:] = 2.0 * ROCKING_SPEED
         one.reference.load_torque[LEGS] = rng.uniform(-0.1, 0.1, 3)
     found = fit_base(ROBOT, [recorded(moving)] * 2, window=WINDOW)
     np.testing.assert_allclose(found.moving, 0.536 * NORMAL_QUANTILE * 0.1, rtol=0.25)
@@ -243,7 +239,7 @@ def test_residual_is_that_of_the_impulse_response(output: int) -> None:
         level = error[0]
         for k in range(n):
             error[k] -= level
-            level += CYCLE / LEVEL_TIME * np.median(error[max(k + 1 - WINDOW, 0) : k + 1])
+            level += CYCLE / CORRECTION_TIME * np.median(error[max(k + 1 - WINDOW, 0) : k + 1])
     ratio = error / (FACTOR * spread)
     judged = slice(STARTED, None)
     np.testing.assert_allclose(seen[judged, 0], ratio[judged], rtol=1e-9, atol=1e-6)
@@ -306,7 +302,7 @@ def test_the_spread_of_a_base_that_drives_stays_until_it_stands() -> None:
     made = ticks(sent, np.zeros((n, 3)), outputs)
     signal = generator(still_model(0.001, 0.001, 0.01))
     seen = residuals(signal, made)
-    after = stop + TAPS + round(POST_DRIVE_TIME / CYCLE)
+    after = stop + TAPS + SETTLING_TICKS
     assert seen[after - 3, 0] == pytest.approx(0.5)
     assert seen[after + 2, 0] == pytest.approx(5.0)
     assert signal.phase == 0
@@ -318,9 +314,9 @@ def test_the_spread_of_joints_that_move_stays_for_a_while() -> None:
     outputs[:, 1] = -FACTOR * 0.005
     made = standing(n, outputs)
     for k, one in enumerate(made):
-        one.reference.velocity[3] = (-1.01 if begin <= k < stop else 0.99) * SLOW_SPEED
+        one.reference.velocity[3] = (-1.01 if begin <= k < stop else 0.99) * ROCKING_SPEED
     seen = residuals(generator(still_model(0.001, 0.01)), made)
-    after = stop + round(MOTION_MEMORY / CYCLE)
+    after = stop + SETTLING_TICKS
     ratio = seen[:, 0]
     np.testing.assert_allclose(ratio[begin : after - 1], 0.5, rtol=1e-2)
     np.testing.assert_allclose(ratio[STARTED:begin], 5.0, rtol=1e-2)
@@ -335,7 +331,7 @@ def test_spreads_of_today_are_learned_in_their_phase(phase: int) -> None:
     outputs[:, 0] = np.where(np.arange(n) % 20 < 14, 0.04, 0.0)
     made = standing(n, outputs)
     for one in made:
-        one.reference.velocity[:] = 2.0 * SLOW_SPEED if phase == 1 else 0.0
+        one.reference.velocity[:] = 2.0 * ROCKING_SPEED if phase == 1 else 0.0
         one.sent.wheel_speed[:] = MATRIX @ np.array([0.01, 0.0, 0.0]) if phase == 2 else 0.0
     for adapt in (True, False):
         signal = generator(still_model(spread, spread, spread), adapt=adapt)
@@ -443,7 +439,7 @@ def test_the_level_of_a_robot_that_leans_is_followed() -> None:
     seen = residuals(generator(still_model(0.05)), standing(n, lean))[:, 0]
     after = np.arange(n - begin) * CYCLE
     largest = 0.5 / (FACTOR * 0.05)
-    expected = -largest * np.exp(-after / LEVEL_TIME)
+    expected = -largest * np.exp(-after / CORRECTION_TIME)
     np.testing.assert_allclose(seen[begin:], expected, atol=0.02 * largest)
     # Slowly enough it is no push at all.
     slow = np.zeros((n, 6))

@@ -12,14 +12,15 @@ from hypothesis import strategies as st
 from pepper_driver.config import PepperError
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.kernels import Records
-from pepper_driver.observer.models.fusion_model import MomentumError, MomentumParameters
-from pepper_driver.observer.residuals.momentum import (
+from pepper_driver.observer.constants import (
     ANSWER_RATIO,
     ANSWER_TICKS,
     MIN_DRIVE,
-    REVERSAL_RATIO,
-    REVERSAL_TICKS,
+    SETTLING_TICKS,
     SMOOTHING_TIME,
+)
+from pepper_driver.observer.models.fusion_model import MomentumError, MomentumParameters
+from pepper_driver.observer.residuals.momentum import (
     CurrentChannel,
     ErrorDerivatives,
     current_channels,
@@ -145,7 +146,7 @@ def test_a_touch_that_reverses_the_motor_is_found_once_the_current_has_answered(
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 @pytest.mark.parametrize(
-    ("ticks", "reverses"), [(0, True), (REVERSAL_TICKS - 1, True), (REVERSAL_TICKS, False)]
+    ("ticks", "reverses"), [(0, True), (SETTLING_TICKS - 1, True), (SETTLING_TICKS, False)]
 )
 def test_a_current_that_has_not_passed_zero_has_not_reversed(
     side: float, ticks: int, reverses: bool
@@ -154,7 +155,7 @@ def test_a_current_that_has_not_passed_zero_has_not_reversed(
     resistance, motor = side * 0.02 - CURRENT.offset, side * 0.025
     channels = channel()
     residual(channels, motor, drive=motor, resistance=resistance)
-    residual(channels, 0.9 * REVERSAL_RATIO * motor, drive=0.0, resistance=resistance)
+    residual(channels, 0.9 * ANSWER_RATIO * motor, drive=0.0, resistance=resistance)
     if ticks:
         residual(channels, motor, drive=motor, resistance=resistance, ticks=ticks)
     found, given_motor = residual(

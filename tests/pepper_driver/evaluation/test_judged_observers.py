@@ -46,8 +46,8 @@ from pepper_driver.observer import (
     Recording,
     shipped,
 )
+from pepper_driver.observer.constants import CONFIRMING_RATIO
 from pepper_driver.observer.detection.threshold import spread_threshold
-from pepper_driver.observer.residuals.fusion import CONFIRMING_RATIO
 from pepper_driver.observers import make_observer
 from support.evaluation import CYCLE, INDEX, JOINT, JOINTS, ROBOT, Script, contact, recording
 

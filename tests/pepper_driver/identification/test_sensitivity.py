@@ -16,7 +16,7 @@ from pepper_driver.identification.sensitivity import (
     joint_sensitivities,
 )
 from pepper_driver.observer import ContactObserver, FitScore
-from pepper_driver.observer.detection.threshold import MIN_TORQUE
+from pepper_driver.observer.constants import MIN_TORQUE
 from support.fusion import STICK_SLIP, fusion_model, fusion_set, spread_of
 from support.identification import ROBOT
 from support.observer import tick
