@@ -39,7 +39,8 @@ class Contact:
             intensity or torque change, it comes ``update_period`` (settings) or more after the previous event.
         kind: :data:`~pepper_driver.config.contact_selector.Kind`, as far as it is known.
         limb: ``left_arm``, ``right_arm``, ``head`` or ``trunk``, which includes the base.
-        limb_known: False for a contact on the trunk that only the base shows, while friction may hide one on a limb.
+        limb_known: False for a contact on the trunk in mode ``fusion``: one on a limb, whose line of force passes near
+            the axes of its joints or that friction hides, shakes the base in the same way.
         joint: The last joint of the chain that detects it; None for trunk and base.
         link: The link that this joint carries.
         direction: Sign of the external torque on the joint, in the joint's positive sense: minus the sign of the
@@ -176,7 +177,6 @@ class Residuals:
         friction_band: Largest error at which friction can hold a joint [rad]; 0 where it is unknown.
         blind: Joints that cannot be judged.
         doubtful: Joints at rest whose error is no touch; None where this is not examined.
-        hides: Joints that may not show a touch: friction holds them, or they are blind. None where it is not examined.
         base_raw: Residual of the base before the filter, in units of its bound; NaN where it cannot be judged.
         base_residual: The same, filtered.
         base_drives: True while the base is commanded to drive, or has just been.
@@ -192,7 +192,6 @@ class Residuals:
     friction_band: FloatArray
     blind: BoolArray
     doubtful: BoolArray | None = None
-    hides: BoolArray | None = None
     base_raw: float = np.nan
     base_residual: float = np.nan
     base_drives: bool = False

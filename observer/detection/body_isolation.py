@@ -98,8 +98,8 @@ class BodyTracker:
       less. The joint is determined at the detection and again REISOLATION_TIMES later. Then it changes only if it
       becomes blind.
     - The trunk carries the limbs. Residuals of its joints belong to the contact on a limb if that contact exists now,
-      existed when they began, or ended at most ``rebound_window`` before. While friction may hide a touch on a limb,
-      the limb of what the base shows is not known.
+      existed when they began, or ended at most ``rebound_window`` before. A touch that no joint of a limb shows
+      shakes the trunk in the same way: the limb of a contact there is not known.
     - A contact that begins on the trunk is reported REPORT_DELAY later. If a limb detects it until then, it is
       reported on that limb at once. If a limb detects it later, within the last of REISOLATION_TIMES, it moves there
       and keeps its id.
@@ -239,13 +239,6 @@ class BodyTracker:
         Wheels may answer sooner than joints, and commands are paired with the answers of joints.
         """
         return self._residuals.base_drives and not contact.driving and contact.number is None
-
-    def _hides_touches(self) -> bool:
-        """Return True if a joint of a limb may hide a touch that shakes the trunk."""
-        hides = self._residuals.hides
-        return hides is not None and any(
-            hides[joint] for limb in self._outer for joint in limb.joints
-        )
 
     def _update_limb(self, limb: _Limb, time: float, events: list[Contact]) -> None:
         """Append the events of one limb."""
@@ -412,7 +405,7 @@ class BodyTracker:
             contact.kind = "collision"
         if limb is self._trunk:
             contact.limb, contact.joint = TRUNK, None
-            contact.limb_known = contact.limb_known and not self._hides_touches()
+            contact.limb_known = False
             contact.link = TRUNK_LINK if place > 0 else BASE_LINK
             contact.peak = max((e.peak for e in over if e.joint != limb.joints[0]), default=0.0)
         else:

@@ -201,12 +201,14 @@ class _Detail:
         measured: Position [rad].
         limited: Joints whose command the safety gate altered.
         threshold: Of each joint alone [rad].
+        by_model: Residual by the stick-slip model alone, filtered [rad].
     """
 
     prediction: Prediction
     measured: FloatArray
     limited: BoolArray
     threshold: FloatArray
+    by_model: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -421,11 +423,10 @@ class FusionGenerator:
             friction_band=band,
             blind=blind,
             doubtful=self._doubtful(both[:n], filtered, own, blind),
-            hides=blind | (band > alone),
             base_raw=base[0],
             base_residual=base[1],
             base_drives=self._base is not None and self._base.drives,
-            detail=_Detail(prediction, measured, limited, alone),
+            detail=_Detail(prediction, measured, limited, alone, both[:n]),
         )
 
     def _confirmation(self, base_residual: float) -> float:
@@ -551,7 +552,7 @@ class FusionGenerator:
             resting,
         )
         # Also without adaptation: this corrects the state of the models.
-        self._predictor.rest(resting, residual)
+        self._predictor.rest(resting, detail.by_model)
         self._untouched = untouched
         if untouched:
             self._threshold.learn(residual, seen)

@@ -46,7 +46,6 @@ class Player:
 
     def __init__(self) -> None:
         self.k = 0
-        self.hide: tuple[str, ...] = ()
         self.drives = False
         self.states = [JointState.BLIND] * JOINTS
         self.settled = [False] * JOINTS
@@ -69,7 +68,6 @@ class Player:
             torque_std=np.where(np.isnan(ratio), np.nan, 0.1),
             friction_band=np.zeros(JOINTS),
             blind=np.isnan(ratio),
-            hides=np.isin(ROBOT.joint_names, self.hide),
             base_raw=base,
             base_residual=base,
             base_drives=self.drives,
@@ -280,19 +278,11 @@ def test_an_arm_that_detects_a_push_later_than_the_trunk_takes_its_contact_over(
     assert events[-1].phase == "end"
 
 
-@pytest.mark.parametrize(
-    ("hides", "known"),
-    [((), True), (("RElbowYaw",), False), (("HeadYaw",), False), (("KneePitch",), True)],
-)
 @pytest.mark.parametrize("trunk", [{"base": 1.5}, {"HipRoll": 2.0}])
-def test_the_limb_of_what_the_trunk_shows_is_known_where_no_limb_may_hide_a_touch(
-    trunk: dict[str, float], hides: tuple[str, ...], known: bool
-) -> None:
+def test_the_limb_is_known_once_a_joint_of_it_shows_the_touch(trunk: dict[str, float]) -> None:
     player = Player()
-    player.hide = hides
     [begin] = player.play(1 + HELD, **trunk)
-    assert (begin.limb, begin.limb_known) == (TRUNK, known)
-    # That of an arm that detects it is known in any case.
+    assert (begin.limb, begin.limb_known) == (TRUNK, False)
     [moved] = player.play(1, **trunk, LElbowRoll=-3.0)
     assert (moved.id, moved.limb, moved.limb_known) == (begin.id, "left_arm", True)
     [end] = [event for event in player.play(QUIET) if event.phase == "end"]
@@ -321,19 +311,6 @@ def test_a_limb_that_is_let_go_shakes_the_trunk_for_a_while(later: float, report
     player.play(round(later * SETTINGS.rebound_window / CYCLE))
     events = player.play(1 + HELD, base=1.5) + player.play(QUIET)
     assert any(event.limb == TRUNK for event in events) == reported
-
-
-def test_a_limb_that_could_hide_a_touch_as_it_began_leaves_it_open() -> None:
-    player = Player()
-    player.hide = ("LElbowRoll",)
-    player.play(1, base=1.5)
-    player.hide = ()
-    [begin] = player.play(HELD, base=1.5)
-    assert not begin.limb_known
-    [end] = player.play(QUIET)
-    assert not end.limb_known
-    [other] = player.play(1 + HELD, base=1.5)
-    assert other.limb_known
 
 
 def test_later_the_arm_has_a_contact_of_its_own() -> None:
