@@ -201,14 +201,12 @@ class _Detail:
         measured: Position [rad].
         limited: Joints whose command the safety gate altered.
         threshold: Of each joint alone [rad].
-        by_model: Residual by the stick-slip model alone, filtered [rad].
     """
 
     prediction: Prediction
     measured: FloatArray
     limited: BoolArray
     threshold: FloatArray
-    by_model: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -250,8 +248,9 @@ class FusionGenerator:
     It stays blind until the median window has none of these samples. Its model then starts from the measured position.
 
     A joint is in doubt if its command has rested for SETTLING_TICKS and more while the first channel alone was beyond
-    the threshold: it rests off its place, and its motor does not work against that. Until the first channel is within
-    the threshold again, and for SETTLING_TICKS after it was blind, its threshold is UNSURE_FACTOR times as high.
+    the threshold: it rests off its place, and its motor does not work against that. Its friction may then have any
+    sign. From QUIET_RATIO of the threshold on, until the first channel is within this again, and for SETTLING_TICKS
+    after it was blind, its threshold is UNSURE_FACTOR times as high.
 
     Args:
         models: By joint, None for those without.
@@ -426,7 +425,7 @@ class FusionGenerator:
             base_raw=base[0],
             base_residual=base[1],
             base_drives=self._base is not None and self._base.drives,
-            detail=_Detail(prediction, measured, limited, alone, both[:n]),
+            detail=_Detail(prediction, measured, limited, alone),
         )
 
     def _confirmation(self, base_residual: float) -> float:
@@ -447,11 +446,12 @@ class FusionGenerator:
         self, model: FloatArray, residual: FloatArray, threshold: FloatArray, blind: BoolArray
     ) -> BoolArray:
         """Return (n,) joints that rest off their place without the torque of the motor that this would take."""
-        off = (np.abs(model) > threshold) & (np.abs(residual) <= threshold)
-        off &= ~(self._threshold.moving | blind)
-        self._doubt_ticks = np.where(off, self._doubt_ticks + 1, 0)
-        doubtful: BoolArray = self._doubt_ticks >= SETTLING_TICKS
-        strays = doubtful | ((self._stray_ticks > 0) & (np.abs(model) > threshold))
+        quiet, off = QUIET_RATIO * threshold, np.abs(model)
+        alone = (off > quiet) & (np.abs(residual) <= quiet) & ~(self._threshold.moving | blind)
+        self._doubt_ticks = np.where(alone, self._doubt_ticks + 1, 0)
+        strays = self._doubt_ticks >= SETTLING_TICKS
+        doubtful: BoolArray = strays & (off > threshold)
+        strays |= (self._stray_ticks > 0) & (off > quiet)
         self._stray_ticks = np.where(
             blind, SETTLING_TICKS, np.maximum(self._stray_ticks - 1, strays)
         )
@@ -552,7 +552,7 @@ class FusionGenerator:
             resting,
         )
         # Also without adaptation: this corrects the state of the models.
-        self._predictor.rest(resting, detail.by_model)
+        self._predictor.rest(resting, residual)
         self._untouched = untouched
         if untouched:
             self._threshold.learn(residual, seen)

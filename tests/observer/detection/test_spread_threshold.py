@@ -16,8 +16,8 @@ from pepper_driver.observer.constants import (
     MAX_CHANGE,
     MIN_SPREAD,
     MIN_TORQUE,
+    PUSH_TICKS,
     REST_SPEED,
-    SETTLING_TICKS,
     TAIL,
     UNSURE_FACTOR,
 )
@@ -32,7 +32,7 @@ from support.observer import CYCLE
 
 FALSE_CONTACTS = 0.1
 FACTOR = 1.0 + 0.37 * math.log(50_000.0)
-MEMORY = SETTLING_TICKS
+MEMORY = PUSH_TICKS
 LN_100 = math.log(100.0)
 NORMAL_QUANTILE = 2.5758  # of the size of standard normal numbers, 0.99
 

@@ -16,7 +16,13 @@ from hypothesis import strategies as st
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.constants import MIN_SPREAD, REST_SPEED, SETTLING_TICKS, UNSURE_FACTOR
+from pepper_driver.observer.constants import (
+    MIN_SPREAD,
+    PUSH_TICKS,
+    REST_SPEED,
+    SETTLING_TICKS,
+    UNSURE_FACTOR,
+)
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.interface import (
     MIN_OBSERVED_STIFFNESS,
@@ -525,7 +531,7 @@ def test_the_threshold_is_that_of_rest_or_of_motion() -> None:
     )
     # Where it slides: friction holds it for a moment where it is to begin, and where it turns.
     speed = np.abs(np.gradient(drive(motion).position, CYCLE))
-    memory = SETTLING_TICKS
+    memory = PUSH_TICKS
     recent = np.array([speed[max(0, k + 1 - memory) : k + 1].max() for k in range(len(motion))])
     expected = np.where(recent > REST_SPEED, 0.03, 0.01)
     found = of_elbow(observations, "threshold")

@@ -16,6 +16,7 @@ from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
     CORRECTION_TIME,
     MAX_CHANGE,
+    PUSH_TICKS,
     ROCKING_SPEED,
     SETTLING_TICKS,
 )
@@ -316,7 +317,7 @@ def test_the_spread_of_joints_that_move_stays_for_a_while() -> None:
     for k, one in enumerate(made):
         one.reference.velocity[3] = (-1.01 if begin <= k < stop else 0.99) * ROCKING_SPEED
     seen = residuals(generator(still_model(0.001, 0.01)), made)
-    after = stop + SETTLING_TICKS
+    after = stop + PUSH_TICKS
     ratio = seen[:, 0]
     np.testing.assert_allclose(ratio[begin : after - 1], 0.5, rtol=1e-2)
     np.testing.assert_allclose(ratio[STARTED:begin], 5.0, rtol=1e-2)
