@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -242,6 +243,38 @@ class RobotModel:
             coriolis=self.load_torque(q, v, a) - still,
             gravity=gravity,
         )
+
+    def body_torques(
+        self,
+        joints: Sequence[str],
+        joint_position: FloatArray,
+        joint_velocity: FloatArray,
+        joint_acceleration: FloatArray,
+    ) -> FloatArray:
+        """Return the load torques that a body on the link of each joint adds, per its mass and first moment.
+
+        The inertia of the body about the origin of the link is left out. The base stands.
+
+        Args:
+            joints: Names of m joints.
+            joint_position: (17,) [rad].
+            joint_velocity: (17,) [rad/s].
+            joint_acceleration: (17,) [rad/s2].
+
+        Returns:
+            (m, 17, 4) torques per m [kg] and m c [kg m], with the centre c in the frame of the joint.
+        """
+        q = self.configuration(joint_position)
+        v, a = self.of_joints(joint_velocity), self.of_joints(joint_acceleration)
+        # Ten parameters for each body: m, m c, and six of its inertia.
+        torques = pin.computeJointTorqueRegressor(self.pin, self._other_data, q, v, a)
+        starts = [10 * (self.pin.getJointId(name) - 1) for name in joints]
+        return np.array([torques[self.joint_columns, start : start + 4] for start in starts])
+
+    def joint_origin(self, joint: str) -> FloatArray:
+        """Return the (3,) origin of a joint in the frame of the joint before it [m]."""
+        origin: FloatArray = self.pin.jointPlacements[self.pin.getJointId(joint)].translation.copy()
+        return origin
 
     def gravity_torque(self, joint_position: FloatArray) -> FloatArray:
         """Return the (17,) load torque of a robot at rest at (17,) joint positions [N m]."""

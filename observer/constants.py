@@ -23,7 +23,8 @@ EXCURSIONS = 5000.0
 """In an hour of free motion of the whole robot, residuals leave their spread about so many times."""
 
 RISE = 0.002
-"""Growth of the spread in a tick whose residual is beyond it: ten minutes take it down again by a factor of e."""
+"""Growth of the spread in a tick whose residual is beyond it: ten minutes take it down again by a factor of e.
+Growth of the variance of a load in an update, which forgets it within a minute of motion."""
 
 MAX_CHANGE = 3.0
 """Factor by which the spread of today is at most larger than as identified, and at most smaller."""
@@ -49,10 +50,18 @@ CORRECTION_TIME = 1.5
 """[s] Time constant of models that follow what they do not know: rest positions, integrals, level of the robot."""
 
 BIAS_TIME = 15.0
-"""[s] Time constant with which the bias of a free joint follows its residual: loads differ from those identified."""
+"""[s] Time constant with which the bias of a free joint follows its residual: joints differ from those identified."""
 
 SMOOTHING_TIME = 0.03
 """[s] Time constant of the derivatives: an encoder step of 0.09 deg in one tick is 0.13 rad/s."""
+
+# -- load of a hand --------------------------------------------------------------------------------------------------
+
+LOAD_MASS_STD = 0.25
+"""[kg] Standard deviation of its mass before it has shown."""
+
+LOAD_PLACE_STD = 0.03
+"""[m] Standard deviation of its centre around the origin of the hand."""
 
 # -- motion -----------------------------------------------------------------------------------------------------------
 

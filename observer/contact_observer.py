@@ -25,6 +25,7 @@ from pepper_driver.observer.detection.contact_force import ContactForce, ForceEs
 from pepper_driver.observer.detection.excursions import Onset, ResidualHistory
 from pepper_driver.observer.interface import (
     Contact,
+    HandLoad,
     JointState,
     Observation,
     Observer,
@@ -36,6 +37,7 @@ from pepper_driver.observer.models.model_file import ModelSet, predict_recording
 from pepper_driver.observer.models.tree import AffineTree, CartTree
 from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.residuals.fusion import FusionGenerator, FusionParts
+from pepper_driver.observer.residuals.hand_loads import HandLoads
 from pepper_driver.observer.residuals.mobile_base import BaseGenerator
 from pepper_driver.observer.residuals.momentum import MomentumGenerator
 from pepper_driver.observer.residuals.paper import PaperGenerator
@@ -129,8 +131,12 @@ class ContactObserver(Observer):
         self._mode = "paper" if models.kind != "fusion" else "momentum" if momentum else "fusion"
         fusion = _fusion_models(robot, models)
         scale = TorqueScale.from_models(fusion, robot, models.measured)
+        self._loads: HandLoads | None = None
+        if self._mode == "fusion" and settings.adapt:
+            gain = [np.nan if model is None else model.twin.load_gain for model in fusion]
+            self._loads = HandLoads(robot, np.array(gain))
         self._generator, window = _make_generator(
-            self._mode, robot, models, fusion, scale, settings, parts
+            self._mode, robot, models, fusion, scale, self._loads, settings, parts
         )
         lookback = math.ceil(ONSET_LOOKBACK / robot.cycle)
         self._history = ResidualHistory(window, lookback, len(robot.joint_names))
@@ -210,6 +216,14 @@ class ContactObserver(Observer):
     def worn(self) -> tuple[str, ...]:
         """Joints that this session shows to be worn since their identification; mode ``fusion`` only."""
         return self._worn
+
+    @property
+    def hand_loads(self) -> dict[str, HandLoad]:
+        """Load of each hand that no model knows, by the name of its arm.
+
+        Mode ``fusion`` estimates it while the arm moves without touch; others, and one that does not adapt, have none.
+        """
+        return {} if self._loads is None else self._loads.by_limb
 
     def _check_wear(self) -> None:
         """Warn once a session about each joint that has worn."""
@@ -423,6 +437,7 @@ def _make_generator(
     models: ModelSet,
     fusion: list[FusionModel | None],
     scale: TorqueScale,
+    loads: HandLoads | None,
     settings: ObserverSettings,
     parts: ObserverParts,
 ) -> tuple[ResidualGenerator, int]:
@@ -451,6 +466,7 @@ def _make_generator(
             false_contacts=settings.false_contacts,
             limbs=limb_numbers(robot),
             base=base,
+            loads=loads,
             parts=parts.residual,
             stiffness=scale.stiffness,
             motor_torque=np.array(

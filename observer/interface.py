@@ -163,6 +163,19 @@ MAX_PLAUSIBLE = 1e4
 """In SI units: larger commands and measurements are not valid."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class HandLoad:
+    """Load of a hand that no model knows.
+
+    Attributes:
+        mass: [kg]
+        mass_std: Its standard deviation [kg].
+    """
+
+    mass: float
+    mass_std: float
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Residuals:
     """Residuals of one tick: arrays (n,), NaN where a joint is blind.

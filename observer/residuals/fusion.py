@@ -24,6 +24,7 @@ from pepper_driver.observer.constants import (
 from pepper_driver.observer.detection.threshold import SpreadThreshold
 from pepper_driver.observer.interface import MAX_PLAUSIBLE, MIN_OBSERVED_STIFFNESS, Residuals
 from pepper_driver.observer.models.fusion_model import FusionModel
+from pepper_driver.observer.residuals.hand_loads import HandLoads
 from pepper_driver.observer.residuals.mobile_base import BaseGenerator
 from pepper_driver.observer.residuals.momentum import (
     CurrentChannel,
@@ -219,6 +220,7 @@ class FusionParts:
         limbs: False to judge each joint alone.
         confirmation: False for thresholds of limbs that a push on the base does not lower.
         bias: False for no bias.
+        loads: False for hands that are taken to be empty.
     """
 
     model: bool = True
@@ -226,6 +228,7 @@ class FusionParts:
     limbs: bool = True
     confirmation: bool = True
     bias: bool = True
+    loads: bool = True
 
 
 class FusionGenerator:
@@ -257,9 +260,10 @@ class FusionGenerator:
         cycle: Period of the ticks [s].
         window: Samples of the median.
         false_contacts: That are allowed in an hour.
-        adapt: True to follow bias and spread of the robot of today.
+        adapt: True to follow bias, spread and loads of the robot of today.
         limbs: (n,) number of the limb of each joint, 0 for the trunk; None to judge each joint alone.
         base: Residual of the base, None without a model of it.
+        loads: Estimate of the loads of the hands, None for none.
         stiffness: (n,) K of torque estimates [N m/rad]; None for that of the models, by the documented masses.
         motor_torque: (n,) largest torque of the motors, at the joints [N m].
         parts: That it has.
@@ -275,6 +279,7 @@ class FusionGenerator:
         adapt: bool,
         limbs: IntArray | None = None,
         base: BaseGenerator | None = None,
+        loads: HandLoads | None = None,
         stiffness: FloatArray | None = None,
         motor_torque: FloatArray | float = math.inf,
         parts: FusionParts = FusionParts(),
@@ -309,6 +314,7 @@ class FusionGenerator:
             motor_torque=motor_torque,
         )
         self._median = RunningMedian(window, 2 * n)
+        self._loads = loads if adapt and parts.loads else None
         self._check_inputs, self._combine = _check_inputs.load(), _combine.load()
         self._agree = _agree.load()
         self._join_limbs, self._judge = _join_limbs.load(), _judge.load()
@@ -321,6 +327,8 @@ class FusionGenerator:
         self._predictor.reset()
         self._threshold.reset()
         self._torque.reset()
+        if self._loads is not None:
+            self._loads.reset()
         self._derivatives.reset()
         self._median.reset()
         for name in ("answered", "recent", "steady"):
@@ -365,6 +373,9 @@ class FusionGenerator:
             load_torque = _zero_invalid(load_torque)
             velocity, acceleration = _zero_invalid(velocity), _zero_invalid(acceleration)
             current = _zero_invalid(current)
+        if self._loads is not None:
+            self._loads.step(measured, velocity, acceleration)
+            load_torque = load_torque + self._loads.torque
         self._predictor.step(target, load_torque, velocity, acceleration, measured)
         # A late sample is the response to an older command.
         prediction = self._predictor.before(late_ticks)
@@ -389,6 +400,10 @@ class FusionGenerator:
             raw[bad] = np.nan
         blind = self._blind(bad, measured)
         own = self._threshold.step(contiguous(prediction.speed), limited)
+        if self._loads is not None:
+            # A joint that has rested since the start holds a load that it knows as part of its position.
+            doubt = np.where(self._threshold.moving, self._loads.doubt, 0.0)
+            own = own + UNSURE_FACTOR * doubt
         # Where a board follows another target, the current alone can show a touch.
         alone = np.where(self._stray_ticks > 0, UNSURE_FACTOR * own, own)
         threshold = alone.copy()
@@ -551,6 +566,8 @@ class FusionGenerator:
             seen,
             resting,
         )
+        if untouched and self._loads is not None:
+            self._loads.learn(residual, detail.threshold, seen & self._threshold.moving)
         # Also without adaptation: this corrects the state of the models.
         self._predictor.rest(resting, residual)
         self._untouched = untouched

@@ -79,6 +79,7 @@ ABLATIONS = tuple(
         "current",
         "tree",
         "bias",
+        "loads",
         "adaptation",
         "limbs",
         "base",
@@ -233,7 +234,9 @@ def _fusion(
             models = _changed(models, lambda m: replace(m, remainder=_NO_REMAINDER))
         case "bias":
             parts = ObserverParts(residual=FusionParts(bias=False))
-        case "adaptation":  # bias and spreads
+        case "loads":
+            parts = ObserverParts(residual=FusionParts(loads=False))
+        case "adaptation":  # bias, loads and spreads
             settings = replace(settings, adapt=False)
         case "limbs":
             parts = ObserverParts(residual=FusionParts(limbs=False))

@@ -17,6 +17,7 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
+    CORRECTION_TIME,
     MIN_SPREAD,
     PUSH_TICKS,
     REST_SPEED,
@@ -60,7 +61,7 @@ from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS, tick
 WINDOW = SETTINGS.fusion_window
 STIFFNESS = STICK_SLIP.stiffness
 HEAD = ROBOT.joint_index("HeadYaw")
-QUIET = round(2.0 / CYCLE)
+QUIET = round((CORRECTION_TIME + 1.0) / CYCLE)
 
 
 def run(target: ContactObserver, made: Sequence[Tick]) -> tuple[list[Observation], list[Contact]]:

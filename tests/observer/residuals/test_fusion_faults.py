@@ -74,17 +74,17 @@ def test_an_absurd_value_blinds_its_joint_for_a_moment_and_teaches_nothing(
 
 def test_a_board_keeps_what_it_has_summed_up_while_its_joint_cannot_be_judged() -> None:
     model = fusion_model(replace(STICK_SLIP, integral_rate=2.0))
-    motion = standing(6.0, load=4.0)
+    motion = standing(8.0, load=4.0)
     made = ticks_of(motion, drive(motion, model.twin, start=0.0))
     signal = fusion_generator(model, adapt=True)
     free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
     after = []
     for k, one in enumerate(made):
-        lost = 1.0 <= k * CYCLE < 3.0
+        lost = 3.0 <= k * CYCLE < 5.0
         measurement = replace(one.measurement, age=1.0) if lost else one.measurement
         seen = signal.step(replace(one, measurement=measurement))
         signal.learn(seen, free, nothing, True)
-        if k * CYCLE > 3.2:
+        if k * CYCLE > 5.2:
             after.append(abs(float(seen.residual[ELBOW])))
     # A model that starts again does not know on which side friction holds: 0.3 deg. A sum of 0 would be off by 2.8 deg.
     assert max(after) < 0.25 * BOUND

@@ -1,0 +1,154 @@
+"""Loads of the hands, which no model knows: estimated from the residuals of the arms while they move without touch.
+
+A body in a hand adds to the load torque of each joint of its arm. The torque is linear in its mass m and its first
+moment m c in the frame of the wrist: tau = Y(q, v, a) (m, m c). Recursive least squares with forgetting find these four
+numbers from the joints that slide; friction hides the load from a joint at rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pepper_driver.config import RobotConfig
+from pepper_driver.config.arrays import BoolArray, FloatArray, IndexArray
+from pepper_driver.controller.model import RobotModel
+from pepper_driver.observer.constants import (
+    LOAD_MASS_STD,
+    LOAD_PLACE_STD,
+    QUIET_RATIO,
+    RISE,
+)
+from pepper_driver.observer.interface import HandLoad
+
+PERIOD = 5
+"""Ticks between two updates, of one arm after the other: residuals hardly change in one tick."""
+
+
+@dataclass(slots=True)
+class _Arm:
+    """Load of one hand.
+
+    Attributes:
+        name: Of the limb.
+        joints: (m,) indices of its joints, without the hand.
+        wrist: Joint that carries the hand.
+        prior: (4, 4) covariance of m [kg] and m c [kg m] at the start.
+        covariance: (4, 4) the same now.
+        load: (4,) m and m c.
+        effect: (m, 4) load torque of the joints per m and m c.
+    """
+
+    name: str
+    joints: IndexArray
+    wrist: str
+    prior: FloatArray
+    covariance: FloatArray
+    load: FloatArray
+    effect: FloatArray
+
+
+class HandLoads:
+    """Recursive least squares for the loads of the hands.
+
+    Its noise is the residual up to which a touch counts as over: QUIET_RATIO of the threshold. What has been learned is
+    forgotten within a minute of motion, so that an object may be taken or put down; no load is less certain than at
+    the start.
+
+    Args:
+        robot: Its description; a limb with a joint of a hand is an arm.
+        load_gain: (n,) g = 1 / K [rad/(N m)], NaN for joints without a model.
+
+    Attributes:
+        torque: (n,) load torque of the loads [N m].
+        doubt: (n,) standard deviation of the tracking error that follows from what is not known of the loads [rad].
+    """
+
+    def __init__(self, robot: RobotConfig, load_gain: FloatArray) -> None:
+        self._model, self._gain = RobotModel(robot), load_gain
+        self._arms = []
+        for name, joints in robot.limbs.items():
+            chain = [joint for joint in joints if joint not in robot.hands.joints]
+            hands = [joint for joint in joints if joint in robot.hands.joints]
+            if hands:
+                prior = _prior(self._model.joint_origin(hands[0]))
+                self._arms.append(
+                    _Arm(
+                        name=name,
+                        joints=np.array([robot.joint_index(joint) for joint in chain]),
+                        wrist=chain[-1],
+                        prior=prior,
+                        covariance=prior,
+                        load=np.zeros(4),
+                        effect=np.zeros((len(chain), 4)),
+                    )
+                )
+        self._wrists = [arm.wrist for arm in self._arms]
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to loads that are not known."""
+        for arm in self._arms:
+            arm.covariance, arm.load = arm.prior, np.zeros(4)
+            arm.effect = np.zeros_like(arm.effect)
+        self.torque, self.doubt = np.zeros(len(self._gain)), np.zeros(len(self._gain))
+        self._ticks = 0
+
+    @property
+    def by_limb(self) -> dict[str, HandLoad]:
+        """Load of each hand, by the name of its arm."""
+        return {
+            arm.name: HandLoad(
+                mass=float(arm.load[0]), mass_std=float(np.sqrt(arm.covariance[0, 0]))
+            )
+            for arm in self._arms
+        }
+
+    def step(self, position: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> None:
+        """Take in one tick: (n,) measured positions [rad], desired velocities [rad/s], accelerations [rad/s2]."""
+        self._ticks += 1
+        if self._ticks % PERIOD != 0:
+            return
+        effects = self._model.body_torques(self._wrists, position, velocity, acceleration)
+        for arm, effect in zip(self._arms, effects, strict=True):
+            joints, arm.effect = arm.joints, effect[arm.joints]
+            self.torque[joints] = arm.effect @ arm.load
+            variance = np.einsum("ji,ik,jk->j", arm.effect, arm.covariance, arm.effect)
+            self.doubt[joints] = self._gain[joints] * np.sqrt(np.maximum(variance, 0.0))
+
+    def learn(self, residual: FloatArray, threshold: FloatArray, use: BoolArray) -> None:
+        """Learn from the residuals of a tick (n,) [rad], with their thresholds (n,) [rad].
+
+        Args:
+            residual: Positive where a joint is behind its model, as a load is.
+            threshold: Of a contact.
+            use: (n,) joints that slide without touch.
+        """
+        if self._ticks % PERIOD != 0 or not self._arms:
+            return
+        arm = self._arms[self._ticks // PERIOD % len(self._arms)]
+        used = use[arm.joints]
+        joints = arm.joints[used]
+        if not len(joints):
+            return
+        effect = self._gain[joints, None] * arm.effect[used]
+        noise = (QUIET_RATIO * threshold[joints]) ** 2
+        seen = arm.covariance @ effect.T
+        gain = np.linalg.solve(effect @ seen + np.diag(noise), seen.T).T
+        covariance = arm.covariance - gain @ seen.T
+        load = arm.load + gain @ residual[joints]
+        if load[0] < 0.0:
+            # The most likely load of those without mass.
+            load = load - covariance[:, 0] / covariance[0, 0] * load[0]
+        covariance = (1.0 + RISE) * covariance
+        largest = np.sqrt(np.minimum(1.0, np.diag(arm.prior) / np.diag(covariance)))
+        arm.load, arm.covariance = load, covariance * np.outer(largest, largest)
+
+
+def _prior(hand: FloatArray) -> FloatArray:
+    """Return the (4, 4) covariance of a load at the start, around the (3,) origin of a hand [m]."""
+    place = np.array([1.0, *hand])
+    around = LOAD_PLACE_STD**2 * np.diag([0.0, 1.0, 1.0, 1.0])
+    covariance: FloatArray = LOAD_MASS_STD**2 * (np.outer(place, place) + around)
+    return covariance
