@@ -183,7 +183,7 @@ class ObserverSettings:
             free motion.
         fusion_window: Samples of the filter of mode ``fusion``.
         false_contacts: That are allowed in an hour (mode ``fusion``); fewer raise its thresholds.
-        adapt: True if mode ``fusion`` follows bias and spread of the robot of today.
+        adapt: True if mode ``fusion`` follows bias, spread and loads of the robot of today.
         collision_factor: A residual beyond so many thresholds is a collision (mode ``fusion``).
         merge_gap: A residual that returns with the same sign within this time continues the contact.
         rebound_window: After a contact, a residual of the other sign is the joint swinging back.

@@ -4,7 +4,7 @@ from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.fitting.bounds import free_threshold
 from pepper_driver.observer.fitting.fusion import fit_fusion, fit_joint_fusion
 from pepper_driver.observer.fitting.tree import FitScore, FittingError, fit_joint, nrmse_fit
-from pepper_driver.observer.interface import Contact, JointState, Observation, Observer
+from pepper_driver.observer.interface import Contact, HandLoad, JointState, Observation, Observer
 from pepper_driver.observer.models.closed_form import (
     MotorParameters,
     expected_error,
@@ -52,6 +52,7 @@ __all__ = [
     "FitScore",
     "FittingError",
     "FusionModel",
+    "HandLoad",
     "JointModel",
     "JointState",
     "KnownPush",

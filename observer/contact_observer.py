@@ -132,7 +132,7 @@ class ContactObserver(Observer):
         fusion = _fusion_models(robot, models)
         scale = TorqueScale.from_models(fusion, robot, models.measured)
         self._loads: HandLoads | None = None
-        if self._mode == "fusion" and settings.adapt:
+        if self._mode == "fusion" and settings.adapt and parts.residual.loads:
             gain = [np.nan if model is None else model.twin.load_gain for model in fusion]
             self._loads = HandLoads(robot, np.array(gain))
         self._generator, window = _make_generator(

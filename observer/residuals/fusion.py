@@ -260,10 +260,10 @@ class FusionGenerator:
         cycle: Period of the ticks [s].
         window: Samples of the median.
         false_contacts: That are allowed in an hour.
-        adapt: True to follow bias, spread and loads of the robot of today.
+        adapt: True to follow bias and spread of the robot of today.
         limbs: (n,) number of the limb of each joint, 0 for the trunk; None to judge each joint alone.
         base: Residual of the base, None without a model of it.
-        loads: Estimate of the loads of the hands, None for none.
+        loads: Estimate of the loads of the hands, None for hands that are taken to be empty.
         stiffness: (n,) K of torque estimates [N m/rad]; None for that of the models, by the documented masses.
         motor_torque: (n,) largest torque of the motors, at the joints [N m].
         parts: That it has.
@@ -314,7 +314,7 @@ class FusionGenerator:
             motor_torque=motor_torque,
         )
         self._median = RunningMedian(window, 2 * n)
-        self._loads = loads if adapt and parts.loads else None
+        self._loads = loads
         self._check_inputs, self._combine = _check_inputs.load(), _combine.load()
         self._agree = _agree.load()
         self._join_limbs, self._judge = _join_limbs.load(), _judge.load()

@@ -53,8 +53,7 @@ class HandLoads:
     """Recursive least squares for the loads of the hands.
 
     Its noise is the residual up to which a touch counts as over: QUIET_RATIO of the threshold. What has been learned is
-    forgotten within a minute of motion, so that an object may be taken or put down; no load is less certain than at
-    the start.
+    forgotten within a minute of motion. None of the four numbers is less certain than at the start.
 
     Args:
         robot: Its description; a limb with a joint of a hand is an arm.

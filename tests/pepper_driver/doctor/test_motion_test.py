@@ -186,7 +186,7 @@ def test_a_robot_without_currents_shows_no_delay(monkeypatch: pytest.MonkeyPatch
 @pytest.mark.usefixtures("brief")
 def test_a_worn_robot_must_be_identified_again() -> None:
     motion_test = tried("mujoco://?plant=worn")
-    assert statuses(motion_test)["models fit"] is CheckStatus.FAILED
+    assert statuses(motion_test)["models fit"] is CheckStatus.WARNING
     changed = [f.joint for f in motion_test.fits if f.verdict in (Verdict.WORN, Verdict.MISFIT)]
     assert len(changed) > 4
     assert "LShoulderPitch" in changed
@@ -195,7 +195,7 @@ def test_a_worn_robot_must_be_identified_again() -> None:
 @pytest.mark.usefixtures("brief")
 def test_a_load_in_a_hand_shows_on_its_arm_alone() -> None:
     motion_test = tried("mujoco://?plant=payload")
-    assert statuses(motion_test)["models fit"] is CheckStatus.FAILED
+    assert statuses(motion_test)["models fit"] is CheckStatus.WARNING
     loaded = {f.joint for f in motion_test.fits if f.verdict in (Verdict.WORN, Verdict.MISFIT)}
     assert "LWristYaw" in loaded
     assert not any(joint.startswith(("R", "Head")) for joint in loaded)

@@ -109,7 +109,7 @@ def begins(observations: list[Observation]) -> list[Contact]:
 
 def test_each_name_is_made_and_no_other() -> None:
     assert set(DEFAULT) <= set(OBSERVERS) == {"fusion", *BASELINES, *ABLATIONS}
-    assert len(set(OBSERVERS)) == len(OBSERVERS) == 1 + 4 + 4 + 2 + 9
+    assert len(set(OBSERVERS)) == len(OBSERVERS) == 1 + 4 + 4 + 2 + 10
     with pytest.raises(UnknownNameError, match=r"'fusion-without-models'.*fusion-without-model"):
         made("fusion-without-models")
     with pytest.raises(UnknownNameError, match="momentum-adaptive@matched"):
@@ -213,12 +213,27 @@ def test_without_adaptation_thresholds_are_those_identified() -> None:
 
 def test_without_bias_the_residual_keeps_what_does_not_change() -> None:
     run = replace(RUN, position=RUN.sent_position - 0.001, current=RUN.current + 0.2)
+    # Of the left arm, whose load is learned as well.
+    head = ROBOT.joint_index("HeadYaw")
     ours, without, fixed = (
-        np.array([o.residual for o in observe(made(name), run)])
+        np.array([o.residual[head] for o in observe(made(name), run)])
         for name in ("fusion", "fusion-without-bias", "fusion-without-adaptation")
     )
     assert (ours != without).any()
     np.testing.assert_array_equal(without, fixed)
+
+
+def test_without_loads_the_residual_is_that_of_empty_hands() -> None:
+    run = replace(RUN, position=RUN.sent_position - 0.001, current=RUN.current + 0.2)
+    ours, without = (
+        np.array([o.residual for o in observe(made(name), run)])
+        for name in ("fusion", "fusion-without-loads")
+    )
+    arms = [ROBOT.joint_index(name) for name in ROBOT.joint_names if name[0] in "LR"]
+    others = [j for j in range(JOINTS) if j not in arms]
+    # The others differ by the ticks in which their bias learns.
+    change = np.abs(ours - without).max(axis=0)
+    assert change[arms].max() > 1e-5 > 1e-6 > change[others].max()
 
 
 def test_without_limbs_each_joint_is_judged_alone() -> None:
