@@ -213,7 +213,7 @@ def test_without_adaptation_thresholds_are_those_identified() -> None:
 
 def test_without_bias_the_residual_keeps_what_does_not_change() -> None:
     run = replace(RUN, position=RUN.sent_position - 0.001, current=RUN.current + 0.2)
-    # Of the left arm, whose load is learned as well.
+    # A joint of no arm: the loads of the hands, which this observer learns as well, are not in its torque.
     head = ROBOT.joint_index("HeadYaw")
     ours, without, fixed = (
         np.array([o.residual[head] for o in observe(made(name), run)])
