@@ -261,9 +261,14 @@ class RobotModel:
             joint_velocity: (17,) [rad/s].
             joint_acceleration: (17,) [rad/s2].
 
+        Raises:
+            UnknownNameError: No such joint.
+
         Returns:
             (m, 17, 4) torques per m [kg] and m c [kg m], with the centre c in the frame of the joint.
         """
+        for name in joints:
+            check_name("joint", name, self.robot.joint_names)
         q = self.configuration(joint_position)
         v, a = self.of_joints(joint_velocity), self.of_joints(joint_acceleration)
         # Ten parameters for each body: m, m c, and six of its inertia.

@@ -19,6 +19,9 @@ MIN_TORQUE = 0.08
 TAIL = 0.37
 """Growth of the largest residual per spread, as the time in which it is looked for grows by a factor of e."""
 
+SLIDING_TAIL = 0.15
+"""The same of joints in motion that lasts: their friction has its direction."""
+
 EXCURSIONS = 5000.0
 """In an hour of free motion of the whole robot, residuals leave their spread about so many times."""
 
@@ -26,7 +29,7 @@ RISE = 0.002
 """Growth of the spread in a tick whose residual is beyond it: ten minutes take it down again by a factor of e.
 Growth of the variance of a load in an update, which forgets it within a minute of motion."""
 
-MAX_CHANGE = 3.0
+MAX_CHANGE = 2.0
 """Factor by which the spread of today is at most larger than as identified, and at most smaller."""
 
 QUIET_RATIO = 0.5
@@ -66,14 +69,17 @@ LOAD_PLACE_STD = 0.03
 # -- motion -----------------------------------------------------------------------------------------------------------
 
 REST_SPEED = 0.02
-"""[rad/s], of the base also [m/s]: up to it a joint or the base counts as at rest. Friction may hold it."""
+"""[rad/s] Up to it a joint counts as at rest. Friction may hold it."""
 
 ROCKING_SPEED = 0.2
 """[rad/s] Desired speed of joints below which they do not rock the base."""
 
+SHAKING_ACCELERATION = 8.0
+"""[rad/s2] Desired acceleration of joints from which they shake the base more than its model predicts."""
+
 # -- sign of the current ----------------------------------------------------------------------------------------------
 
-MIN_DRIVE = np.radians(0.3)
+MIN_DRIVE = np.radians(0.5)
 """[rad] Output of the law of a board below which its sign is not known."""
 
 MAX_STRAY = np.radians(4.0)

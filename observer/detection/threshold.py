@@ -1,17 +1,19 @@
-"""Thresholds of residuals: a multiple of the spread that each joint shows without touch, at rest and in motion apart.
+"""Thresholds of residuals: a multiple of the spread that each joint shows without touch, by phase of its motion.
 
 The spread of a residual in free motion differs between joints by a factor of ten, between days by less than two. It
 starts as identified, and follows the robot of today slowly. How large a multiple is needed depends on the number of
-false contacts that are allowed: the tail of the spread is exponential.
+false contacts that are allowed: the tail of the spread is exponential. It is long at rest and while a joint breaks
+away, which it does sooner or later than its model, and short in motion that lasts.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray
 from pepper_driver.config.kernels import Out, Records, kernel, make_records
 from pepper_driver.observer.constants import (
     EXCURSIONS,
@@ -21,6 +23,8 @@ from pepper_driver.observer.constants import (
     PUSH_TICKS,
     REST_SPEED,
     RISE,
+    SETTLING_TICKS,
+    SLIDING_TAIL,
     TAIL,
     UNSURE_FACTOR,
 )
@@ -32,16 +36,35 @@ SPREAD_QUANTILE = 0.99
 MIN_SAMPLES = 500
 """Six seconds in a phase of the motion, from which a spread is found; with fewer it is that of another phase."""
 
+REST, BREAKAWAY, SLIDING = range(3)
+"""Phases of the motion of a joint without touch: at rest; just after it broke away; sliding for SETTLING_TICKS."""
 
-def threshold_factor(false_contacts: float) -> float:
+
+def threshold_factor(false_contacts: float, tail: float = TAIL) -> float:
     """Return the threshold in spreads at which so many contacts an hour are false."""
-    return 1.0 + TAIL * max(math.log(EXCURSIONS / false_contacts), 0.0)
+    return 1.0 + tail * max(math.log(EXCURSIONS / false_contacts), 0.0)
 
 
-def spread_threshold(spread: float, load_gain: float, false_contacts: float) -> float:
-    """Return the threshold of a joint with this spread [rad]; ``load_gain`` is g = 1 / K [rad/(N m)]."""
-    factor = threshold_factor(false_contacts)
-    return float(max(factor * max(spread, MIN_SPREAD), MIN_TORQUE * load_gain))
+def phase_factors(false_contacts: float) -> FloatArray:
+    """Return (3,) thresholds in spreads by phase."""
+    return np.array([threshold_factor(false_contacts, t) for t in (TAIL, TAIL, SLIDING_TAIL)])
+
+
+def spread_thresholds(
+    spread: Sequence[float], load_gain: float, false_contacts: float
+) -> FloatArray:
+    """Return (3,) thresholds of a joint with these spreads, by phase [rad].
+
+    Args:
+        spread: By phase [rad].
+        load_gain: g = 1 / K [rad/(N m)].
+        false_contacts: That are allowed in an hour.
+    """
+    factors = phase_factors(false_contacts)
+    thresholds: FloatArray = np.maximum(
+        factors * np.maximum(spread, MIN_SPREAD), MIN_TORQUE * load_gain
+    )
+    return thresholds
 
 
 class SpreadState:
@@ -75,47 +98,58 @@ def learn_spread(spreads: Out[Records[SpreadState]], j: int, size: float, smalle
 
 @kernel
 def _threshold(
-    at_rest: Records[SpreadState],
-    in_motion: Records[SpreadState],
-    factor: float,
+    spreads: Out[Records[SpreadState]],
+    factors: FloatArray,
     lowest: FloatArray,
     moving: BoolArray,
+    speed: FloatArray,
     limited: BoolArray,
+    sliding_ticks: Out[IntArray],
+    phase: Out[IntArray],
     threshold: Out[FloatArray],
 ) -> None:
-    for j in range(len(threshold)):
-        spread = in_motion[j].today if moving[j] else at_rest[j].today
-        threshold[j] = np.maximum(spread * factor, lowest[j])
+    n = len(threshold)
+    for j in range(n):
+        before = phase[j]
+        sliding_ticks[j] = sliding_ticks[j] + 1 if abs(speed[j]) > REST_SPEED else 0
+        if not moving[j]:
+            phase[j] = REST
+        elif sliding_ticks[j] <= SETTLING_TICKS:
+            phase[j] = BREAKAWAY
+        else:
+            phase[j] = SLIDING
+        spread = spreads[phase[j] * n + j]
+        if phase[j] != before:
+            spread.ticks = 0
+        threshold[j] = np.maximum(spread.today * factors[phase[j]], lowest[j])
         if limited[j]:
             threshold[j] *= UNSURE_FACTOR
 
 
 @kernel
 def _learn(
-    at_rest: Out[Records[SpreadState]],
-    in_motion: Out[Records[SpreadState]],
-    moving: BoolArray,
-    residual: FloatArray,
-    seen: BoolArray,
+    spreads: Out[Records[SpreadState]], phase: IntArray, residual: FloatArray, seen: BoolArray
 ) -> None:
-    for j in range(len(seen)):
+    n = len(seen)
+    for j in range(n):
         if seen[j]:
-            learn_spread(in_motion if moving[j] else at_rest, j, abs(residual[j]), MIN_SPREAD)
+            learn_spread(spreads, phase[j] * n + j, abs(residual[j]), MIN_SPREAD)
 
 
 class SpreadThreshold:
     """Thresholds of joints.
 
     Args:
-        spread: (n, 2) as identified, at rest and in motion [rad]; NaN for joints without a model.
+        spread: (n, 3) as identified, by phase [rad]; NaN for joints without a model.
         load_gain: (n,) g = 1 / K [rad/(N m)].
         cycle: Period of the ticks [s].
         false_contacts: That are allowed in an hour.
         adapt: False to keep the spreads as identified.
 
     Attributes:
-        factor: Of a threshold over the spread.
+        factors: (3,) of a threshold over the spread, by phase.
         moving: (n,) joints that slide without touch, or did just before.
+        phase: (n,) phase of their motion.
     """
 
     def __init__(
@@ -129,30 +163,32 @@ class SpreadThreshold:
     ) -> None:
         self._identified, self._cycle, self._adapt = np.fmax(spread, MIN_SPREAD), cycle, adapt
         self._identified[np.isnan(spread)] = np.nan
-        self.factor, self._lowest = threshold_factor(false_contacts), MIN_TORQUE * load_gain
+        self.factors, self._lowest = phase_factors(false_contacts), MIN_TORQUE * load_gain
         self._step, self._learn = _threshold.load(), _learn.load()
         self.reset()
 
     def reset(self) -> None:
         """Forget the session."""
-        n = len(self._identified)
-        self._at_rest, self._in_motion = (
-            make_records(SpreadState, n, identified=values, today=values)
-            for values in self._identified.T
+        n, by_phase = len(self._identified), self._identified.T.ravel()
+        self._spreads = make_records(
+            SpreadState, len(by_phase), identified=by_phase, today=by_phase
         )
         self._speeds = RunningMaximum(PUSH_TICKS * self._cycle, self._cycle, n)
-        self.moving = np.zeros(n, dtype=np.bool_)
+        self._sliding_ticks = np.zeros(n, dtype=np.int64)
+        self.moving, self.phase = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.int64)
 
     @property
     def bounds(self) -> FloatArray:
-        """(n,) larger threshold of each joint, as identified [rad]."""
-        bounds: FloatArray = np.maximum(self.factor * self._identified.max(axis=1), self._lowest)
+        """(n,) largest threshold of each joint, as identified [rad]."""
+        largest = (self.factors * self._identified).max(axis=1)
+        bounds: FloatArray = np.maximum(largest, self._lowest)
         return bounds
 
     @property
     def change(self) -> FloatArray:
-        """(n,) spread in motion over that identified."""
-        change: FloatArray = self._in_motion["today"] / self._in_motion["identified"]
+        """(n,) spread while sliding over that identified."""
+        n = len(self._identified)
+        change: FloatArray = (self._spreads["today"] / self._spreads["identified"])[SLIDING * n :]
         return change
 
     def step(self, speed: FloatArray, limited: BoolArray) -> FloatArray:
@@ -165,12 +201,14 @@ class SpreadThreshold:
         threshold = np.empty(len(speed))
         self.moving = self._speeds.push(np.abs(speed)) > REST_SPEED
         self._step(
-            self._at_rest,
-            self._in_motion,
-            self.factor,
+            self._spreads,
+            self.factors,
             self._lowest,
             self.moving,
+            speed,
             limited,
+            self._sliding_ticks,
+            self.phase,
             threshold,
         )
         return threshold
@@ -178,4 +216,4 @@ class SpreadThreshold:
     def learn(self, residual: FloatArray, seen: BoolArray) -> None:
         """Take in residuals (n,) [rad] of joints without touch that can be judged (n,)."""
         if self._adapt:
-            self._learn(self._at_rest, self._in_motion, self.moving, residual, seen)
+            self._learn(self._spreads, self.phase, residual, seen)

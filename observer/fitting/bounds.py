@@ -7,9 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.arrays import FloatArray, IntArray
 from pepper_driver.observer.constants import MIN_SPREAD
-from pepper_driver.observer.detection.threshold import MIN_SAMPLES, SPREAD_QUANTILE
+from pepper_driver.observer.detection.threshold import (
+    BREAKAWAY,
+    MIN_SAMPLES,
+    REST,
+    SLIDING,
+    SPREAD_QUANTILE,
+)
 from pepper_driver.observer.fitting.samples import (
     fit_samples,
     in_working_range,
@@ -76,7 +82,7 @@ def fit_spreads(
     *,
     window: int,
 ) -> dict[str, FusionModel]:
-    """Add to models the spread of their residuals in calibration runs, at rest and in motion.
+    """Add to models the spread of their residuals in calibration runs, by phase of the motion.
 
     The residual is computed as in use: with filter, and all joints moving at once. The runs must be free motion that no
     model was fitted to.
@@ -93,20 +99,20 @@ def fit_spreads(
     ordered = [models.get(name) for name in names]
     residuals, phases = [], []
     for recording in calibration:
-        played, moving = _play(ordered, recording, window)
+        played, phase = _play(ordered, recording, window)
         residual = np.abs(played)
         residual[: round(START_UP_TIME / cycle)] = np.nan
         for joint in range(len(names)):
             residual[~in_working_range(recording, joint), joint] = np.nan
         residuals.append(residual)
-        phases.append(moving)
+        phases.append(phase)
     momentum_maxima = _momentum_maxima(ordered, calibration, cycle)
-    residual, moves = np.concatenate(residuals), np.concatenate(phases)
+    residual, phase = np.concatenate(residuals), np.concatenate(phases)
     result = {}
     for index, name in enumerate(names):
         if name not in models:
             continue
-        spread = _spread(residual[:, index], moves[:, index])
+        spread = _spread(residual[:, index], phase[:, index])
         if spread is not None:
             result[name] = replace(
                 models[name],
@@ -120,34 +126,39 @@ def fit_spreads(
 
 def _play(
     models: Sequence[FusionModel | None], recording: Recording, window: int
-) -> tuple[FloatArray, BoolArray]:
-    """Return the (n, N) residuals of a run as in use [rad], and (n, N) where joints were to move."""
+) -> tuple[FloatArray, IntArray]:
+    """Return the (n, N) residuals of a run as in use [rad], and the (n, N) phases of the joints."""
     count = len(models)
     generator = FusionGenerator(
         models, recording.cycle, window=window, false_contacts=1.0, adapt=False
     )
     free, settled = np.ones(count, dtype=np.bool_), np.zeros(count, dtype=np.bool_)
-    residuals, moving = [], []
+    residuals, phases = [], []
     for tick in recording.ticks():
         made = generator.step(tick)
         residuals.append(made.residual)
-        moving.append(generator.moving)
+        phases.append(generator.phase.copy())
         generator.learn(made, free, settled, True)
-    return np.array(residuals), np.array(moving)
+    return np.array(residuals), np.array(phases)
 
 
-def _spread(residual: FloatArray, moves: BoolArray) -> tuple[float, float] | None:
-    """Return the spread at rest and in motion [rad]; None where hardly any sample counts."""
+def _spread(residual: FloatArray, phase: IntArray) -> tuple[float, float, float] | None:
+    """Return the spread by phase [rad]; None where hardly any sample counts."""
     seen = np.isfinite(residual)
-    found = []
-    for phase in (seen & ~moves, seen & moves):
-        sizes = residual[phase]
-        if len(sizes) >= MIN_SAMPLES:
-            found.append(float(np.quantile(sizes, SPREAD_QUANTILE)))
-    if not found:
+    if np.count_nonzero(seen) < MIN_SAMPLES:
         return None
-    # A joint that never moves, or never rests, has one spread only.
-    return max(found[0], MIN_SPREAD), max(found[-1], MIN_SPREAD)
+    phases = [residual[seen & (phase == number)] for number in (REST, BREAKAWAY, SLIDING)]
+    shown = [sizes for sizes in phases if len(sizes) >= MIN_SAMPLES] or [residual[seen]]
+    # A phase that a joint hardly shows has the largest spread of the others.
+    largest = max(map(_quantile, shown))
+    at_rest, breaking_away, sliding = (
+        _quantile(sizes) if len(sizes) >= MIN_SAMPLES else largest for sizes in phases
+    )
+    return at_rest, breaking_away, sliding
+
+
+def _quantile(sizes: FloatArray) -> float:
+    return float(max(np.quantile(sizes, SPREAD_QUANTILE), MIN_SPREAD))
 
 
 def _momentum_maxima(

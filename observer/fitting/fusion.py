@@ -225,7 +225,7 @@ def fit_joint_fusion(
         twin=stick_slip,
         remainder=remainder,
         momentum=candidates[best],
-        spread=(UNKNOWN_SPREAD, UNKNOWN_SPREAD),
+        spread=(UNKNOWN_SPREAD,) * 3,
         momentum_bound=np.radians(2.5),
     )
 

@@ -47,6 +47,7 @@ def fit_base(robot: RobotConfig, recordings: Sequence[Recording], *, window: int
         coefficients=tuple(_six(row) for row in np.hstack((wheels, inertial))),
         still=_six(MIN_SPREADS),
         moving=_six(MIN_SPREADS),
+        shaking=_six(MIN_SPREADS),
         driving=_six(MIN_SPREADS),
     )
     residuals: list[FloatArray] = []
@@ -57,16 +58,17 @@ def fit_base(robot: RobotConfig, recordings: Sequence[Recording], *, window: int
             if math.isfinite(generator.step(tick, late=False)[1]):
                 residuals.append(np.where(generator.seen, generator.filtered, np.nan))
                 phases.append(generator.phase)
-    still, moving, driving = _spreads(np.abs(residuals), np.array(phases))
-    return replace(model, still=_six(still), moving=_six(moving), driving=_six(driving))
+    spreads = _spreads(np.abs(residuals), np.array(phases))
+    still, moving, shaking, driving = map(_six, spreads)
+    return replace(model, still=still, moving=moving, shaking=shaking, driving=driving)
 
 
 def _spreads(sizes: FloatArray, phase: IntArray) -> FloatArray:
-    """Return the (3, 6) spreads by phase of (n, 6) sizes of residuals, NaN where an output was not measured."""
-    table = np.full((3, len(OUTPUTS)), np.nan)
+    """Return the (4, 6) spreads by phase of (n, 6) sizes of residuals, NaN where an output was not measured."""
+    table = np.full((4, len(OUTPUTS)), np.nan)
     for output in range(len(OUTPUTS)):
         seen = np.isfinite(sizes[:, output])
-        for number in range(3):
+        for number in range(4):
             found = sizes[seen & (phase == number), output]
             if len(found) >= MIN_SAMPLES:
                 table[number, output] = np.quantile(found, SPREAD_QUANTILE)
@@ -76,7 +78,7 @@ def _spreads(sizes: FloatArray, phase: IntArray) -> FloatArray:
             )
     # A phase that was not seen is as rough as the one before; before the first one that was seen, as that one.
     spreads = np.fmax.accumulate(table)
-    for number in (1, 0):
+    for number in (2, 1, 0):
         spreads[number] = np.where(np.isnan(spreads[number]), spreads[number + 1], spreads[number])
     floored: FloatArray = np.maximum(spreads, MIN_SPREADS)
     return floored

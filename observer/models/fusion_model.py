@@ -39,6 +39,7 @@ class BaseModel:
             on.
         still: Spread of the residuals while neither base nor joints move, or joints move slowly.
         moving: Spread while joints move.
+        shaking: Spread while joints move with large accelerations.
         driving: Spread while the base is commanded to drive.
     """
 
@@ -47,12 +48,13 @@ class BaseModel:
     coefficients: Annotated[tuple[Six, ...], Field(min_length=1)]
     still: Six
     moving: Six
+    shaking: Six
     driving: Six
 
     def __post_init__(self) -> None:
         if len(self.coefficients) % TAPS:
             raise BaseModelError(f"'coefficients' must be a multiple of {TAPS} rows")
-        values = [*self.still, *self.moving, *self.driving]
+        values = [*self.still, *self.moving, *self.shaking, *self.driving]
         if not (np.isfinite(self.coefficients).all() and np.isfinite(values).all()):
             raise BaseModelError("a value is not finite")
         if min(values) <= 0.0:
@@ -98,7 +100,7 @@ class MomentumParameters:
             raise MomentumError("'torque_per_ampere' of a current must be above 0")
 
 
-Pair = tuple[float, float]
+Triple = tuple[float, float, float]
 
 
 class FusionModelError(PepperError, ValueError):
@@ -114,7 +116,8 @@ class FusionModel:
         remainder: Part of the tracking error that the stick-slip model does not explain, as a tree on the desired
             motion (Eq. 12).
         momentum: Its momentum channel.
-        spread: Size of the residual that 99 of 100 samples of free motion do not exceed, at rest and in motion [rad].
+        spread: Size of the residual that 99 of 100 samples of free motion do not exceed [rad]: at rest, just after the
+            joint broke away, and sliding (:mod:`~pepper_driver.observer.detection.threshold`).
         momentum_bound: Threshold of the baseline ``momentum``: the largest residual of the calibration [rad].
     """
 
@@ -123,7 +126,7 @@ class FusionModel:
     twin: StickSlipParameters
     remainder: AffineTree
     momentum: MomentumParameters
-    spread: Pair
+    spread: Triple
     momentum_bound: float
 
     def __post_init__(self) -> None:

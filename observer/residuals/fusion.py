@@ -14,6 +14,7 @@ from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
     BIAS_TIME,
     CONFIRMING_RATIO,
+    CORRECTION_TIME,
     MIN_SPREAD,
     PUSH_TICKS,
     QUIET_RATIO,
@@ -44,7 +45,7 @@ from pepper_driver.observer.residuals.prediction import (
 from pepper_driver.observer.residuals.torque_estimate import SPREAD_STDS, TorqueEstimate
 from pepper_driver.observer.running_filters import RunningMedian
 
-WORN_CHANGE = 2.9
+WORN_CHANGE = 1.95
 """Growth of the spread of a residual at which a joint counts as worn."""
 
 
@@ -292,7 +293,7 @@ class FusionGenerator:
         self._channels = current_channels(models)
         self._derivatives = ErrorDerivatives(n, cycle)
         self.no_model = np.array([m is None for m in models])
-        spread = np.array([(np.nan, np.nan) if m is None else m.spread for m in models])
+        spread = np.array([(np.nan,) * 3 if m is None else m.spread for m in models])
         gain = self._predictor.identified["load_gain"]
         self._threshold = SpreadThreshold(
             spread,
@@ -338,6 +339,7 @@ class FusionGenerator:
         self._blind_ticks = np.zeros(n, dtype=np.int64)
         self._blind_countdown = 0
         self._base_quiet, self._confirming, self._untouched = PUSH_TICKS, 0, True
+        self._rest_time = np.full(n, CORRECTION_TIME)
         self._doubt_ticks = np.zeros(n, dtype=np.int64)
         self._stray_ticks = np.zeros(n, dtype=np.int64)
         self._change, self._bias = np.zeros(n), np.zeros(n)
@@ -374,7 +376,7 @@ class FusionGenerator:
             velocity, acceleration = _zero_invalid(velocity), _zero_invalid(acceleration)
             current = _zero_invalid(current)
         if self._loads is not None:
-            self._loads.step(measured, velocity, acceleration)
+            self._loads.step(target, velocity, acceleration, good | self.no_model)
             load_torque = load_torque + self._loads.torque
         self._predictor.step(target, load_torque, velocity, acceleration, measured)
         # A late sample is the response to an older command.
@@ -401,9 +403,10 @@ class FusionGenerator:
         blind = self._blind(bad, measured)
         own = self._threshold.step(contiguous(prediction.speed), limited)
         if self._loads is not None:
-            # A joint that has rested since the start holds a load that it knows as part of its position.
-            doubt = np.where(self._threshold.moving, self._loads.doubt, 0.0)
-            own = own + UNSURE_FACTOR * doubt
+            # The model of a joint at rest soon knows what a load has done to its position.
+            rests = np.where(self._threshold.moving, 0.0, self._rest_time + self._cycle)
+            self._rest_time = rests
+            own = own + UNSURE_FACTOR * np.where(rests < CORRECTION_TIME, self._loads.doubt, 0.0)
         # Where a board follows another target, the current alone can show a touch.
         alone = np.where(self._stray_ticks > 0, UNSURE_FACTOR * own, own)
         threshold = alone.copy()
@@ -536,6 +539,11 @@ class FusionGenerator:
         return self._threshold.moving
 
     @property
+    def phase(self) -> IntArray:
+        """(n,) phase of the motion of each joint; see :mod:`~pepper_driver.observer.detection.threshold`."""
+        return self._threshold.phase
+
+    @property
     def worn(self) -> BoolArray:
         """(n,) joints whose residual in motion has grown as far as its spread may follow it."""
         return self._threshold.change >= WORN_CHANGE
@@ -567,7 +575,8 @@ class FusionGenerator:
             resting,
         )
         if untouched and self._loads is not None:
-            self._loads.learn(residual, detail.threshold, seen & self._threshold.moving)
+            slides = seen & (np.abs(detail.prediction.speed) > REST_SPEED)
+            self._loads.learn(residual, detail.threshold, slides)
         # Also without adaptation: this corrects the state of the models.
         self._predictor.rest(resting, residual)
         self._untouched = untouched

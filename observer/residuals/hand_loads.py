@@ -17,10 +17,12 @@ from pepper_driver.controller.model import RobotModel
 from pepper_driver.observer.constants import (
     LOAD_MASS_STD,
     LOAD_PLACE_STD,
-    QUIET_RATIO,
     RISE,
 )
 from pepper_driver.observer.interface import HandLoad
+
+MAX_MASS = 1.0
+"""[kg] Twice what a hand of Pepper can hold."""
 
 PERIOD = 5
 """Ticks between two updates, of one arm after the other: residuals hardly change in one tick."""
@@ -38,6 +40,7 @@ class _Arm:
         covariance: (4, 4) the same now.
         load: (4,) m and m c.
         effect: (m, 4) load torque of the joints per m and m c.
+        valid: True while the values of all its joints are.
     """
 
     name: str
@@ -47,13 +50,14 @@ class _Arm:
     covariance: FloatArray
     load: FloatArray
     effect: FloatArray
+    valid: bool = False
 
 
 class HandLoads:
     """Recursive least squares for the loads of the hands.
 
-    Its noise is the residual up to which a touch counts as over: QUIET_RATIO of the threshold. What has been learned is
-    forgotten within a minute of motion. None of the four numbers is less certain than at the start.
+    Its noise is the threshold: residuals of one motion have much in common. What has been learned is forgotten within a
+    minute of motion. None of the four numbers is less certain than at the start.
 
     Args:
         robot: Its description; a limb with a joint of a hand is an arm.
@@ -90,7 +94,7 @@ class HandLoads:
         """Return to loads that are not known."""
         for arm in self._arms:
             arm.covariance, arm.load = arm.prior, np.zeros(4)
-            arm.effect = np.zeros_like(arm.effect)
+            arm.effect, arm.valid = np.zeros_like(arm.effect), False
         self.torque, self.doubt = np.zeros(len(self._gain)), np.zeros(len(self._gain))
         self._ticks = 0
 
@@ -104,17 +108,37 @@ class HandLoads:
             for arm in self._arms
         }
 
-    def step(self, position: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> None:
-        """Take in one tick: (n,) measured positions [rad], desired velocities [rad/s], accelerations [rad/s2]."""
+    def step(
+        self,
+        position: FloatArray,
+        velocity: FloatArray,
+        acceleration: FloatArray,
+        valid: BoolArray,
+    ) -> None:
+        """Take in one tick; an arm with a joint that is not valid keeps its torques.
+
+        Args:
+            position: (n,) commanded [rad].
+            velocity: (n,) desired [rad/s].
+            acceleration: (n,) desired [rad/s2].
+            valid: (n,) joints whose values are.
+        """
         self._ticks += 1
         if self._ticks % PERIOD != 0:
             return
         effects = self._model.body_torques(self._wrists, position, velocity, acceleration)
         for arm, effect in zip(self._arms, effects, strict=True):
-            joints, arm.effect = arm.joints, effect[arm.joints]
-            self.torque[joints] = arm.effect @ arm.load
-            variance = np.einsum("ji,ik,jk->j", arm.effect, arm.covariance, arm.effect)
-            self.doubt[joints] = self._gain[joints] * np.sqrt(np.maximum(variance, 0.0))
+            arm.valid = bool(valid[arm.joints].all())
+            if arm.valid:
+                arm.effect = effect[arm.joints]
+                self._apply(arm)
+
+    def _apply(self, arm: _Arm) -> None:
+        """Compute torque and doubt of the joints of an arm."""
+        joints = arm.joints
+        self.torque[joints] = arm.effect @ arm.load
+        variance = np.einsum("ji,ik,jk->j", arm.effect, arm.covariance, arm.effect)
+        self.doubt[joints] = self._gain[joints] * np.sqrt(np.maximum(variance, 0.0))
 
     def learn(self, residual: FloatArray, threshold: FloatArray, use: BoolArray) -> None:
         """Learn from the residuals of a tick (n,) [rad], with their thresholds (n,) [rad].
@@ -129,20 +153,21 @@ class HandLoads:
         arm = self._arms[self._ticks // PERIOD % len(self._arms)]
         used = use[arm.joints]
         joints = arm.joints[used]
-        if not len(joints):
+        if not arm.valid or not len(joints):
             return
         effect = self._gain[joints, None] * arm.effect[used]
-        noise = (QUIET_RATIO * threshold[joints]) ** 2
+        noise = threshold[joints]
         seen = arm.covariance @ effect.T
-        gain = np.linalg.solve(effect @ seen + np.diag(noise), seen.T).T
+        gain = np.linalg.solve(effect @ seen + np.diag(noise**2), seen.T).T
         covariance = arm.covariance - gain @ seen.T
         load = arm.load + gain @ residual[joints]
-        if load[0] < 0.0:
-            # The most likely load of those without mass.
-            load = load - covariance[:, 0] / covariance[0, 0] * load[0]
+        # Beyond what a hand can hold, the most likely of the loads that it can.
+        beyond = load[0] - min(max(load[0], 0.0), MAX_MASS)
+        load = load - covariance[:, 0] / covariance[0, 0] * beyond
         covariance = (1.0 + RISE) * covariance
         largest = np.sqrt(np.minimum(1.0, np.diag(arm.prior) / np.diag(covariance)))
         arm.load, arm.covariance = load, covariance * np.outer(largest, largest)
+        self._apply(arm)
 
 
 def _prior(hand: FloatArray) -> FloatArray:

@@ -17,11 +17,10 @@ from pepper_driver.config.kernels import Block, Matrix, Out, Records, kernel, ma
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
     CORRECTION_TIME,
-    PUSH_TICKS,
     QUIET_RATIO,
-    REST_SPEED,
     ROCKING_SPEED,
     SETTLING_TICKS,
+    SHAKING_ACCELERATION,
 )
 from pepper_driver.observer.detection.threshold import (
     SpreadState,
@@ -32,10 +31,13 @@ from pepper_driver.observer.interface import MAX_PLAUSIBLE
 from pepper_driver.observer.models.fusion_model import OUTPUTS, TAPS, BaseModel
 from pepper_driver.observer.running_filters import RunningMedian
 
+STANDSTILL_SPEED = 0.005
+"""[m/s], [rad/s] Commanded speed of a base that stands: friction holds its wheels."""
+
 FROZEN_TICKS = 2
 """From which on values that the inertial unit repeats count as missing: the filter takes out fewer."""
 
-DRIVING = 2
+DRIVING = 3
 """Phase in which the base drives."""
 
 MIN_SPREADS = np.array([0.0005, 0.0005, 0.002, 0.0005, 0.005, 0.005])
@@ -174,8 +176,8 @@ class BaseGenerator:
     """Residual of the base in units of its threshold: a size above 1 indicates a push.
 
     It is the norm of the residuals of all outputs, each over its spread (:mod:`~.threshold`): while neither base nor
-    joints move, while joints move, and while the base drives. Values that the inertial unit does not give, or repeats
-    for FROZEN_TICKS, add nothing to it.
+    joints move, while joints move, while they shake the base, and while it drives. Values that the inertial unit does
+    not give, or repeats for FROZEN_TICKS, add nothing to it.
 
     Args:
         model: Of the base.
@@ -187,7 +189,8 @@ class BaseGenerator:
     Attributes:
         filtered: (6,) residuals of the outputs after the filter.
         seen: (6,) outputs that were measured.
-        phase: 0 while neither base nor joints move, 1 while joints move, DRIVING while the base drives.
+        phase: 0 while neither base nor joints move, 1 while joints move, 2 while they shake the base, DRIVING while the
+            base drives.
     """
 
     def __init__(
@@ -205,13 +208,12 @@ class BaseGenerator:
         self._response, self._has_unit = response, model.has_inertial_unit
         self._identified = [
             np.maximum(np.array(spread), MIN_SPREADS)
-            for spread in (model.still, model.moving, model.driving)
+            for spread in (model.still, model.moving, model.shaking, model.driving)
         ]
         self._factor, self._adapt = threshold_factor(false_contacts), adapt
         self._legs = np.array(leg_indices(robot), dtype=np.int64)
         self._inverse = np.array(robot.wheels.inverse, dtype=np.float64, order="C")
         self._window, self._standing_delay = window, TAPS + SETTLING_TICKS
-        self._still_delay = PUSH_TICKS
         self._pace, self._memory = (
             robot.cycle / CORRECTION_TIME,
             round(CORRECTION_TIME / robot.cycle),
@@ -232,7 +234,8 @@ class BaseGenerator:
         ]
         self.phase = 0
         self._count = 0
-        self._standing_ticks, self._still_ticks = self._standing_delay, self._still_delay
+        self._standing_ticks, self._still_ticks = self._standing_delay, TAPS
+        self._smooth_ticks = TAPS
         self._blind, self._judged = 0, False
         self._last = (np.nan, np.nan)
         self._axis = 0
@@ -267,8 +270,12 @@ class BaseGenerator:
         self.filtered = self._median.push(error)
         # After the filter: a single sample that is wrong would move the level for seconds.
         self._level -= self._pace * self.filtered[3:]
-        driving = self._standing_ticks < self._standing_delay
-        self.phase = DRIVING if driving else int(self._still_ticks < self._still_delay)
+        if self._standing_ticks < self._standing_delay:
+            self.phase = DRIVING
+        elif self._smooth_ticks < TAPS:
+            self.phase = 2
+        else:
+            self.phase = int(self._still_ticks < TAPS)
         if self._blind:
             self._blind -= 1
             return np.nan, np.nan
@@ -308,9 +315,11 @@ class BaseGenerator:
             predicted,
         )
         self._count += 1
-        self._standing_ticks = self._standing_ticks + 1 if fastest < REST_SPEED else 0
+        self._standing_ticks = self._standing_ticks + 1 if fastest < STANDSTILL_SPEED else 0
         slow = np.abs(tick.reference.velocity).max() < ROCKING_SPEED
         self._still_ticks = self._still_ticks + 1 if slow else 0
+        smooth = np.abs(tick.reference.acceleration).max() < SHAKING_ACCELERATION
+        self._smooth_ticks = self._smooth_ticks + 1 if smooth else 0
         return predicted
 
     def _error(self, tick: Tick, predicted: FloatArray) -> FloatArray:

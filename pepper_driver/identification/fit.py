@@ -32,7 +32,7 @@ from pepper_driver.observer import (
     nrmse_fit,
     predict_recording,
 )
-from pepper_driver.observer.detection.threshold import spread_threshold
+from pepper_driver.observer.detection.threshold import spread_thresholds
 from pepper_driver.observer.fitting.samples import in_working_range
 from pepper_driver.observer.models.stick_slip import NO_LIMIT
 
@@ -249,7 +249,7 @@ def _fit_fusion(
         models=dict(kept),
         fits={name: fits[name] for name in kept},
         thresholds={
-            name: spread_threshold(max(model.spread), model.twin.load_gain, false_contacts)
+            name: float(spread_thresholds(model.spread, model.twin.load_gain, false_contacts).max())
             for name, model in kept.items()
         },
         left_out=left_out,

@@ -14,7 +14,7 @@ from pepper_driver.controller import RobotModel
 from pepper_driver.identification.measurements.program import GRIP, HAND_LINKS
 from pepper_driver.identification.quality import Finding, Kind
 from pepper_driver.observer import FitScore, FusionModel, JointModel
-from pepper_driver.observer.detection.threshold import spread_threshold
+from pepper_driver.observer.detection.threshold import SLIDING, spread_thresholds
 
 MAX_THRESHOLD = np.radians(3.0)
 """[rad] Threshold in motion beyond which a joint of the upper arm is blind, if MAX_TORQUE is too."""
@@ -88,7 +88,7 @@ def joint_sensitivities(
             continue
         index = robot.joint_index(joint)
         load_gain = model.twin.load_gain
-        threshold = spread_threshold(model.spread[1], load_gain, false_contacts)
+        threshold = float(spread_thresholds(model.spread, load_gain, false_contacts)[SLIDING])
         torque = threshold / load_gain
         found[joint] = JointSensitivity(
             threshold=threshold,

@@ -12,7 +12,7 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.contact_observer import ContactObserver, ObserverParts
 from pepper_driver.observer.detection.body_isolation import BASE_LINK, TRUNK_LINK
-from pepper_driver.observer.detection.threshold import threshold_factor
+from pepper_driver.observer.detection.threshold import phase_factors
 from pepper_driver.observer.interface import Contact, Residuals
 from pepper_driver.observer.models.fusion_model import BaseModel, FusionModel, MomentumParameters
 from pepper_driver.observer.models.model_file import ModelSet
@@ -56,10 +56,10 @@ NOTHING = AffineTree(
 )
 
 
-def spread_of(bound: float) -> tuple[float, float]:
-    """Spreads at rest and in motion of a model whose threshold is ``bound`` [rad]."""
-    spread = bound / threshold_factor(SETTINGS.false_contacts)
-    return spread, spread
+def spread_of(bound: float) -> tuple[float, float, float]:
+    """Spreads by phase of a model whose thresholds are all ``bound`` [rad]."""
+    at_rest, breaking_away, sliding = (bound / phase_factors(SETTINGS.false_contacts)).tolist()
+    return at_rest, breaking_away, sliding
 
 
 def fusion_model(parameters: StickSlipParameters = STICK_SLIP, **changes: Any) -> FusionModel:

@@ -1,4 +1,4 @@
-"""Thresholds of mode ``fusion``: spreads that follow free motion, at rest and in motion, and never a touch."""
+"""Thresholds of mode ``fusion``: spreads that follow free motion, by its phase, and never a touch."""
 
 from __future__ import annotations
 
@@ -18,32 +18,38 @@ from pepper_driver.observer.constants import (
     MIN_TORQUE,
     PUSH_TICKS,
     REST_SPEED,
+    SETTLING_TICKS,
     TAIL,
     UNSURE_FACTOR,
 )
 from pepper_driver.observer.detection.threshold import (
+    BREAKAWAY,
+    REST,
+    SLIDING,
     SPREAD_QUANTILE,
     SpreadState,
     SpreadThreshold,
     learn_spread,
+    spread_thresholds,
     threshold_factor,
 )
 from support.observer import CYCLE
 
 FALSE_CONTACTS = 0.1
 FACTOR = 1.0 + 0.37 * math.log(50_000.0)
+SLIDING_FACTOR = 1.0 + 0.15 * math.log(50_000.0)
 MEMORY = PUSH_TICKS
 LN_100 = math.log(100.0)
 NORMAL_QUANTILE = 2.5758  # of the size of standard normal numbers, 0.99
 
 
 def made(
-    *spreads: tuple[float, float],
+    *spreads: tuple[float, float, float],
     load_gain: float = 1e-9,
     false_contacts: float = FALSE_CONTACTS,
     adapt: bool = True,
 ) -> SpreadThreshold:
-    """Thresholds of joints with these spreads at rest and in motion, as identified."""
+    """Thresholds of joints with these spreads at rest, just after they broke away, and sliding, as identified."""
     return SpreadThreshold(
         np.array(spreads),
         np.full(len(spreads), load_gain),
@@ -59,8 +65,16 @@ def step(target: SpreadThreshold, speed: float = 0.0, *, limited: bool = False) 
     return target.step(np.full(n, speed), np.full(n, limited))
 
 
-def spread_now(target: SpreadThreshold, speed: float = 0.0) -> FloatArray:
-    return step(target, speed) / target.factor
+def slide(target: SpreadThreshold) -> FloatArray:
+    """Thresholds of joints that have moved for longer than they settle."""
+    for _ in range(SETTLING_TICKS + 1):
+        threshold = step(target, 1.0)
+    return threshold
+
+
+def spread_at_rest(target: SpreadThreshold) -> FloatArray:
+    spread: FloatArray = step(target) / FACTOR
+    return spread
 
 
 # -- factor -----------------------------------------------------------------------------------------------------------
@@ -99,25 +113,25 @@ def test_spread_converges_to_the_quantile_of_the_residual(start: float) -> None:
     np.testing.assert_allclose(
         np.quantile(np.abs(residual), SPREAD_QUANTILE, axis=0), quantile, rtol=0.03
     )
-    target = made(*((start * q, start * q) for q in quantile.tolist()))
+    target = made(*((start * q,) * 3 for q in quantile.tolist()))
     seen = np.ones(3, dtype=np.bool_)
     for row in residual:
         target.learn(row, seen)
-    np.testing.assert_allclose(spread_now(target), quantile, rtol=0.2)
+    np.testing.assert_allclose(spread_at_rest(target), quantile, rtol=0.2)
 
 
 @pytest.mark.parametrize("ticks", [12, 84, 840])
 def test_an_excursion_that_nothing_reports_hardly_widens_it(ticks: int) -> None:
-    target = made((0.01, 0.01))
+    target = made((0.01, 0.01, 0.01))
     seen = np.ones(1, dtype=np.bool_)
     for _ in range(ticks):
         target.learn(np.array([0.03]), seen)
-    assert 1.01 < spread_now(target)[0] / 0.01 <= 1.03
+    assert 1.01 < spread_at_rest(target)[0] / 0.01 <= 1.03
     # The next one, after a moment within the spread, as much again.
     target.learn(np.array([0.0]), seen)
     for _ in range(ticks):
         target.learn(np.array([-0.03]), seen)
-    assert spread_now(target)[0] / 0.01 == pytest.approx(1.024**2, rel=2e-3)
+    assert spread_at_rest(target)[0] / 0.01 == pytest.approx(1.024**2, rel=2e-3)
 
 
 def test_touches_that_nothing_reports_do_not_make_it_deaf() -> None:
@@ -128,22 +142,22 @@ def test_touches_that_nothing_reports_do_not_make_it_deaf() -> None:
     period, touch = round(20.0 / CYCLE), round(1.0 / CYCLE)
     touched = np.arange(n) % period < touch
     residual[touched] = 3.0 * LN_100 * scale
-    target = made((LN_100 * scale, LN_100 * scale))
+    target = made((LN_100 * scale,) * 3)
     seen = np.ones(1, dtype=np.bool_)
     for value in residual:
         target.learn(np.array([value]), seen)
-    assert 1.0 < spread_now(target)[0] / (LN_100 * scale) < 1.5
+    assert 1.0 < spread_at_rest(target)[0] / (LN_100 * scale) < 1.5
 
 
 @pytest.mark.parametrize(("size", "change"), [(99.0, MAX_CHANGE), (0.0, 1.0 / MAX_CHANGE)])
 def test_spread_of_today_stays_near_the_identified_one(size: float, change: float) -> None:
-    target = made((0.02, 0.03))
+    target = made((0.02, 0.05, 0.03))
     seen = np.ones(1, dtype=np.bool_)
     for k in range(70_000):
         target.learn(np.array([size if k % 10 else 0.0]), seen)
-    np.testing.assert_allclose(spread_now(target), 0.02 * change, rtol=1e-9)
+    np.testing.assert_allclose(spread_at_rest(target), 0.02 * change, rtol=1e-9)
     assert target.change[0] == 1.0  # it has not moved
-    np.testing.assert_allclose(spread_now(target, 1.0), 0.03, rtol=1e-9)
+    np.testing.assert_allclose(slide(target), SLIDING_FACTOR * 0.03, rtol=1e-9)
 
 
 def test_spread_falls_to_the_smallest_one_that_its_sensor_can_show() -> None:
@@ -157,43 +171,69 @@ def test_spread_falls_to_the_smallest_one_that_its_sensor_can_show() -> None:
 # -- thresholds -------------------------------------------------------------------------------------------------------
 
 
-def test_threshold_is_that_of_rest_or_of_motion() -> None:
-    target = made((0.01, 0.03), (0.02, 0.04))
+def test_threshold_is_that_of_the_phase_of_the_motion() -> None:
+    target = made((0.01, 0.03, 0.02), (0.02, 0.05, 0.04))
     np.testing.assert_allclose(step(target), FACTOR * np.array([0.01, 0.02]), rtol=1e-4)
-    speeds = np.array([1.01 * REST_SPEED, -0.99 * REST_SPEED])
-    threshold = target.step(speeds, np.zeros(2, dtype=np.bool_))
-    np.testing.assert_allclose(threshold, FACTOR * np.array([0.03, 0.02]), rtol=1e-4)
-    np.testing.assert_array_equal(target.moving, [True, False])
-    # A joint that stops still counts as moving for a while.
+    speeds, no = np.array([1.01 * REST_SPEED, -0.99 * REST_SPEED]), np.zeros(2, dtype=np.bool_)
+    for k in range(SETTLING_TICKS + 10):
+        threshold = target.step(speeds, no)
+        slides = k >= SETTLING_TICKS
+        expected = SLIDING_FACTOR * 0.02 if slides else FACTOR * 0.03
+        np.testing.assert_allclose(threshold, [expected, FACTOR * 0.02], rtol=1e-4)
+        np.testing.assert_array_equal(target.moving, [True, False])
+        np.testing.assert_array_equal(target.phase, [SLIDING if slides else BREAKAWAY, REST])
+    # A joint that stops, as one that turns back does, will break away; after a while it rests.
     for k in range(MEMORY + 1):
         moving = k < MEMORY - 1
         assert step(target)[0] == pytest.approx(FACTOR * (0.03 if moving else 0.01), rel=1e-4)
         assert target.moving[0] == moving
-    np.testing.assert_allclose(target.bounds, FACTOR * np.array([0.03, 0.04]), rtol=1e-4)
+    np.testing.assert_allclose(target.bounds, FACTOR * np.array([0.03, 0.05]), rtol=1e-4)
 
 
-@pytest.mark.parametrize("moving", [False, True])
-def test_each_phase_learns_on_its_own_and_each_joint_that_is_seen(moving: bool) -> None:
-    target = made((0.01, 0.01), (0.01, 0.01))
-    step(target, 1.0 if moving else 0.0)
+def test_a_joint_that_turns_back_breaks_away_again() -> None:
+    target = made((0.01, 0.03, 0.02))
+    slide(target)
+    for k in range(SETTLING_TICKS + 2):
+        step(target, -1.0 if k else 0.0)
+        assert target.phase[0] == (SLIDING if k > SETTLING_TICKS else BREAKAWAY)
+
+
+def test_thresholds_of_all_phases_by_hand() -> None:
+    found = spread_thresholds((0.01, 0.03, 0.02), 1e-9, FALSE_CONTACTS)
+    np.testing.assert_allclose(
+        found, [FACTOR * 0.01, FACTOR * 0.03, SLIDING_FACTOR * 0.02], rtol=1e-4
+    )
+    np.testing.assert_allclose(spread_thresholds((1e-5,) * 3, 0.25, FALSE_CONTACTS), 0.02)
+
+
+@pytest.mark.parametrize("phase", [REST, BREAKAWAY, SLIDING])
+def test_each_phase_learns_on_its_own_and_each_joint_that_is_seen(phase: int) -> None:
+    target, fresh = made((0.01,) * 3, (0.01,) * 3), made((0.01,) * 3)
+    at_rest, breaking_away, sliding = step(fresh)[0], step(fresh, 1.0)[0], slide(fresh)[0]
+    if phase == SLIDING:
+        slide(target)
+    else:
+        step(target, 1.0 if phase == BREAKAWAY else 0.0)
     for k in range(1000):
         target.learn(np.array([0.05 if k % 10 else 0.0, 0.05]), np.array([True, False]))
-    assert target.change[0] == pytest.approx(MAX_CHANGE if moving else 1.0)
+    assert target.change[0] == pytest.approx(MAX_CHANGE if phase == SLIDING else 1.0)
     assert target.change[1] == 1.0
-    rest = step(made((0.01, 0.01)))[0]
     for _ in range(MEMORY):
         threshold = step(target)
-    assert threshold[0] == pytest.approx(rest if moving else MAX_CHANGE * rest)
-    assert threshold[1] == pytest.approx(rest)
+    found = [threshold, step(target, 1.0), slide(target)]
+    for number, before in enumerate((at_rest, breaking_away, sliding)):
+        grown = MAX_CHANGE if number == phase else 1.0
+        np.testing.assert_allclose(found[number], [grown * before, before], rtol=1e-9)
 
 
 def test_no_threshold_is_below_the_smallest_torque_or_a_step_of_the_encoder() -> None:
     # A soft joint, 4 N m/rad, of which nearly nothing is seen in free motion.
-    soft = made((1e-5, 1e-5), load_gain=0.25)
+    soft = made((1e-5,) * 3, load_gain=0.25)
     np.testing.assert_allclose(step(soft), MIN_TORQUE * 0.25)
     np.testing.assert_allclose(soft.bounds, MIN_TORQUE * 0.25)
-    stiff = made((1e-5, 1e-5))
+    stiff = made((1e-5,) * 3)
     np.testing.assert_allclose(step(stiff), FACTOR * MIN_SPREAD, rtol=1e-4)
+    np.testing.assert_allclose(slide(made((1e-5,) * 3)), SLIDING_FACTOR * MIN_SPREAD, rtol=1e-4)
     # Nor does learning lead below it.
     for _ in range(60_000):
         stiff.learn(np.zeros(1), np.ones(1, dtype=np.bool_))
@@ -201,7 +241,7 @@ def test_no_threshold_is_below_the_smallest_torque_or_a_step_of_the_encoder() ->
 
 
 def test_a_command_that_the_gate_alters_doubles_the_threshold_as_long_as_it_does() -> None:
-    target = made((0.01, 0.01), (1e-5, 1e-5), load_gain=0.25)
+    target = made((0.01,) * 3, (1e-5,) * 3, load_gain=0.25)
     plain = step(target)
     np.testing.assert_allclose(
         target.step(np.zeros(2), np.array([True, False])), plain * [UNSURE_FACTOR, 1.0]
@@ -211,24 +251,24 @@ def test_a_command_that_the_gate_alters_doubles_the_threshold_as_long_as_it_does
 
 
 def test_without_adaptation_thresholds_are_those_identified() -> None:
-    target = made((0.01, 0.02), adapt=False)
+    target = made((0.01, 0.03, 0.02), adapt=False)
     for k in range(200):
         step(target, 1.0)
         target.learn(np.array([9.0 if k % 10 else 0.0]), np.ones(1, dtype=np.bool_))
     assert target.change[0] == 1.0
-    assert step(target, 1.0)[0] == pytest.approx(FACTOR * 0.02, rel=1e-4)
+    assert slide(target)[0] == pytest.approx(SLIDING_FACTOR * 0.02, rel=1e-4)
 
 
 def test_a_joint_without_a_model_has_no_threshold() -> None:
-    target = made((math.nan, math.nan), (0.01, 0.01))
+    target = made((math.nan,) * 3, (0.01,) * 3)
     for speed in (0.0, 1.0):
         np.testing.assert_array_equal(np.isnan(step(target, speed)), [True, False])
     np.testing.assert_array_equal(np.isnan(target.bounds), [True, False])
 
 
 def test_reset_forgets_the_session() -> None:
-    target = made((0.01, 0.01))
-    step(target, 1.0)
+    target = made((0.01, 0.01, 0.01))
+    slide(target)
     for k in range(1000):
         target.learn(np.array([0.05 if k % 10 else 0.0]), np.ones(1, dtype=np.bool_))
     assert target.change[0] > 1.5

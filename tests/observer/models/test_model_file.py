@@ -323,6 +323,7 @@ BASE = BaseModel(
     coefficients=tuple((0.1 * k, -1e-7 * k, 1.0 / 3.0, 0.0, 1e9, -0.2) for k in range(2 * TAPS)),
     still=(0.01, 0.02, 0.03, 1e-9, 0.1 + 0.2, 1e6),
     moving=(0.04, 0.05, 0.06, 0.07, 0.08, 0.09),
+    shaking=(0.1, 0.11, 0.12, 0.13, 0.131, 0.132),
     driving=(0.14, 0.15, 0.16, 0.17, 0.18, 0.19),
 )
 ODD = replace(

@@ -80,7 +80,7 @@ def test_it_is_the_smaller_of_both_and_nothing_where_their_signs_differ(
             one.measurement.current[:] = current * np.linspace(0.1, 1.0, JOINTS)
             ticks.append(one)
     both, model, shown = (
-        residuals(fusion_generator(fusion_model(spread=(9.0, 9.0)), parts=part), ticks)
+        residuals(fusion_generator(fusion_model(spread=(9.0, 9.0, 9.0)), parts=part), ticks)
         for part in (FusionParts(), BY_MODEL, BY_CURRENT)
     )
     smaller = np.minimum(np.abs(model), np.abs(shown))
@@ -334,7 +334,7 @@ def test_a_joint_whose_threshold_no_touch_reaches_is_always_doubtful(
     spread_deg: float, numb: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
     wrist = ROBOT.joint_index("LWristYaw")
-    loose = fusion_model(spread=(0.001, math.radians(spread_deg)))
+    loose = fusion_model(spread=(0.001, 0.001, math.radians(spread_deg)))
     models = dict.fromkeys(ROBOT.joint_names, MODEL) | {"LWristYaw": loose}
     target = ContactObserver(ROBOT, fusion_set(models), replace(SETTINGS, adapt=False))
     assert ("LWristYaw detects nothing" in caplog.text) == numb
@@ -353,7 +353,7 @@ def test_a_joint_whose_threshold_no_touch_reaches_is_always_doubtful(
 
 
 def test_models_of_which_no_joint_shows_a_touch_leave_the_robot_blind() -> None:
-    loose = fusion_model(spread=(math.radians(5.0), math.radians(5.0)))
+    loose = fusion_model(spread=(math.radians(5.0),) * 3)
     target = ContactObserver(ROBOT, fusion_set({"LWristYaw": loose}), SETTINGS)
     assert "blind" in target.describe()
     assert target.step(tick(0)).contacts == ()

@@ -32,6 +32,7 @@ STILL_BASE = BaseModel(
     coefficients=((0.0,) * 6,) * (6 * TAPS),
     still=(SPREAD,) * 6,
     moving=(SPREAD,) * 6,
+    shaking=(SPREAD,) * 6,
     driving=(SPREAD,) * 6,
 )
 

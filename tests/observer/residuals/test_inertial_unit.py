@@ -20,7 +20,11 @@ from support.observer import CYCLE, ROBOT, tick
 MATRIX = np.asarray(ROBOT.wheels.matrix)
 SPREADS = (0.01, 0.01, 0.01, 0.01, 0.1, 0.1)
 BASE = BaseModel(
-    coefficients=((0.0,) * 6,) * (6 * TAPS), still=SPREADS, moving=SPREADS, driving=SPREADS
+    coefficients=((0.0,) * 6,) * (6 * TAPS),
+    still=SPREADS,
+    moving=SPREADS,
+    shaking=SPREADS,
+    driving=SPREADS,
 )
 WITHOUT = (0.01, 0.01, 0.01, *(UNSEEN_SPREAD,) * 3)
 COUNT = 3 * UNIT_PERIOD
@@ -86,7 +90,10 @@ def test_a_unit_without_values_is_reported_once_and_the_wheels_detect_alone(
 
 @pytest.mark.parametrize(
     ("model", "broken"),
-    [(BASE, False), (replace(BASE, still=WITHOUT, moving=WITHOUT, driving=WITHOUT), True)],
+    [
+        (BASE, False),
+        (replace(BASE, still=WITHOUT, moving=WITHOUT, shaking=WITHOUT, driving=WITHOUT), True),
+    ],
 )
 def test_a_unit_that_works_or_that_no_model_knows_is_not_reported(
     model: BaseModel, broken: bool, caplog: pytest.LogCaptureFixture

@@ -32,6 +32,7 @@ BASE = BaseModel(
     coefficients=((0.0,) * 6,) * (6 * TAPS),
     still=(SPREAD,) * 6,
     moving=(SPREAD,) * 6,
+    shaking=(SPREAD,) * 6,
     driving=(SPREAD,) * 6,
 )
 BEFORE = TAPS + 2 * WINDOW  # ticks after which joints and base are judged

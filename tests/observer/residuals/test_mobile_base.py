@@ -16,9 +16,9 @@ from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
     CORRECTION_TIME,
     MAX_CHANGE,
-    PUSH_TICKS,
     ROCKING_SPEED,
     SETTLING_TICKS,
+    SHAKING_ACCELERATION,
 )
 from pepper_driver.observer.detection.threshold import threshold_factor
 from pepper_driver.observer.fitting.mobile_base import fit_base
@@ -31,7 +31,7 @@ from pepper_driver.observer.models.fusion_model import (
     Six,
 )
 from pepper_driver.observer.recording import Recording, RecordingBuilder
-from pepper_driver.observer.residuals.mobile_base import MIN_SPREADS, BaseGenerator
+from pepper_driver.observer.residuals.mobile_base import DRIVING, MIN_SPREADS, BaseGenerator
 from support.observer import CYCLE, JOINTS, ROBOT, tick
 
 WINDOW = 5
@@ -112,12 +112,15 @@ def six(values: object) -> Six:
     return a, b, c, d, e, f
 
 
-def still_model(still: object, moving: object = 1e9, driving: object = 1e9) -> BaseModel:
+def still_model(
+    still: object, moving: object = 1e9, shaking: object = 1e9, driving: object = 1e9
+) -> BaseModel:
     """A model that expects a base that does not move, with these spreads."""
     return BaseModel(
         coefficients=((0.0,) * 6,) * (TAPS * 6),
         still=six(still),
         moving=six(moving),
+        shaking=six(shaking),
         driving=six(driving),
     )
 
@@ -174,8 +177,8 @@ def test_spreads_are_quantiles_of_what_is_not_expected(model: BaseModel) -> None
         assert (np.array(spread) >= MIN_SPREADS).all()
         np.testing.assert_allclose(spread[3:], expected[3:], rtol=0.25)
         np.testing.assert_allclose(spread[:3], expected[:3], rtol=0.6)
-    assert (np.array(model.driving) >= np.array(model.moving)).all()
-    assert (np.array(model.moving) >= np.array(model.still)).all()
+    phases = np.array([model.still, model.moving, model.shaking, model.driving])
+    assert (np.diff(phases, axis=0) >= 0.0).all()
 
 
 def test_a_phase_that_no_run_shows_is_as_rough_as_the_next() -> None:
@@ -188,7 +191,7 @@ def test_a_phase_that_no_run_shows_is_as_rough_as_the_next() -> None:
         one.reference.load_torque[LEGS] = rng.uniform(-0.1, 0.1, 3)
     found = fit_base(ROBOT, [recorded(moving)] * 2, window=WINDOW)
     np.testing.assert_allclose(found.moving, 0.536 * NORMAL_QUANTILE * 0.1, rtol=0.25)
-    assert found.still == found.moving == found.driving
+    assert found.still == found.moving == found.shaking == found.driving
 
 
 def test_an_inertial_unit_that_shows_nothing_is_not_judged() -> None:
@@ -202,7 +205,7 @@ def test_an_inertial_unit_that_shows_nothing_is_not_judged() -> None:
     found = fit_base(ROBOT, runs, window=WINDOW)
     taps = np.array(found.coefficients)
     assert (taps[:, 3:] == 0.0).all()
-    for spread in (found.still, found.moving, found.driving):
+    for spread in (found.still, found.moving, found.shaking, found.driving):
         assert spread[3:] == (UNSEEN_SPREAD,) * 3
         assert max(spread[:3]) < 0.01
     # Nor is it when it works in use.
@@ -225,6 +228,7 @@ def test_residual_is_that_of_the_impulse_response(output: int) -> None:
         coefficients=tuple(six(row) for row in taps.reshape(-1, 6)),
         still=(far,) * 6,
         moving=(far,) * 6,
+        shaking=(far,) * 6,
         driving=spreads,
     )
     sent, load, outputs = (rng.normal(size=(n, width)) for width in (3, 3, 6))
@@ -301,7 +305,7 @@ def test_the_spread_of_a_base_that_drives_stays_until_it_stands() -> None:
     outputs[:, 1] = -FACTOR * 0.005
     outputs[:, 3] = 1e-9 * np.arange(n)
     made = ticks(sent, np.zeros((n, 3)), outputs)
-    signal = generator(still_model(0.001, 0.001, 0.01))
+    signal = generator(still_model(0.001, 0.001, 0.001, 0.01))
     seen = residuals(signal, made)
     after = stop + TAPS + SETTLING_TICKS
     assert seen[after - 3, 0] == pytest.approx(0.5)
@@ -309,22 +313,32 @@ def test_the_spread_of_a_base_that_drives_stays_until_it_stands() -> None:
     assert signal.phase == 0
 
 
-def test_the_spread_of_joints_that_move_stays_for_a_while() -> None:
+@pytest.mark.parametrize(
+    ("velocity", "acceleration"), [(ROCKING_SPEED, 0.0), (0.0, SHAKING_ACCELERATION)]
+)
+def test_the_spread_of_joints_that_move_or_shake_stays_for_a_response(
+    velocity: float, acceleration: float
+) -> None:
     n, begin, stop = 300, 60, 150
     outputs = np.zeros((n, 6))
     outputs[:, 1] = -FACTOR * 0.005
     made = standing(n, outputs)
     for k, one in enumerate(made):
-        one.reference.velocity[3] = (-1.01 if begin <= k < stop else 0.99) * ROCKING_SPEED
-    seen = residuals(generator(still_model(0.001, 0.01)), made)
-    after = stop + PUSH_TICKS
+        size = -1.01 if begin <= k < stop else 0.99
+        one.reference.velocity[3], one.reference.acceleration[3] = (
+            size * velocity,
+            size * acceleration,
+        )
+    spreads = (0.01, 1e9) if velocity else (1e9, 0.01)
+    seen = residuals(generator(still_model(0.001, *spreads)), made)
+    after = stop + TAPS
     ratio = seen[:, 0]
     np.testing.assert_allclose(ratio[begin : after - 1], 0.5, rtol=1e-2)
     np.testing.assert_allclose(ratio[STARTED:begin], 5.0, rtol=1e-2)
     np.testing.assert_allclose(ratio[after:], 5.0, rtol=1e-2)
 
 
-@pytest.mark.parametrize("phase", [0, 1, 2])
+@pytest.mark.parametrize("phase", [0, 1, 2, DRIVING])
 def test_spreads_of_today_are_learned_in_their_phase(phase: int) -> None:
     """With a residual that is mostly beyond the spread."""
     spread, n = 0.01, 2000
@@ -333,21 +347,22 @@ def test_spreads_of_today_are_learned_in_their_phase(phase: int) -> None:
     made = standing(n, outputs)
     for one in made:
         one.reference.velocity[:] = 2.0 * ROCKING_SPEED if phase == 1 else 0.0
-        one.sent.wheel_speed[:] = MATRIX @ np.array([0.01, 0.0, 0.0]) if phase == 2 else 0.0
+        one.reference.acceleration[:] = SHAKING_ACCELERATION if phase == 2 else 0.0
+        one.sent.wheel_speed[:] = MATRIX @ np.array([0.01, 0.0, 0.0]) if phase == DRIVING else 0.0
     for adapt in (True, False):
-        signal = generator(still_model(spread, spread, spread), adapt=adapt)
+        signal = generator(still_model(spread, spread, spread, spread), adapt=adapt)
         for one in made:
             signal.step(one, False)
             signal.learn()
         [push] = standing(1, np.array([[0.05, 0.0, 0.0, 0.0, 0.0, 0.0]]))
-        push.reference.velocity[:], push.sent.wheel_speed[:] = (
-            made[0].reference.velocity,
-            made[0].sent.wheel_speed,
-        )
+        push.reference.velocity[:] = made[0].reference.velocity
+        push.reference.acceleration[:] = made[0].reference.acceleration
+        push.sent.wheel_speed[:] = made[0].sent.wheel_speed
         here = abs(signal.step(push, False)[0])
         assert here == pytest.approx(5.0 / FACTOR / (MAX_CHANGE if adapt else 1.0), rel=0.01)
         # Another phase has not changed.
-        other = replace(push, reference=replace(push.reference, velocity=np.full(JOINTS, 1.0)))
+        moves = {"velocity": np.full(JOINTS, 1.0), "acceleration": np.zeros(JOINTS)}
+        other = replace(push, reference=replace(push.reference, **moves))
         if phase != 1:
             other.sent.wheel_speed[:] = 0.0
             for _ in range(100):

