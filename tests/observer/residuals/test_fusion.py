@@ -575,21 +575,6 @@ def test_thresholds_learn_nothing_while_something_touches_the_robot() -> None:
         signal.learn(made, free, nothing, False)
 
 
-def test_a_joint_that_has_worn_is_told() -> None:
-    signal = fusion_generator(adapt=True)
-    motion = swing(15.0, rate=3.0)
-    made = ticks_of(motion, drive(motion, steps=20))
-    rng = np.random.default_rng(2)
-    for k, size in enumerate(
-        np.repeat(rng.uniform(-0.09, 0.09, len(made) // 8 + 1), 8)[: len(made)]
-    ):
-        made[k].measurement.position[ELBOW] += size
-        made[k].measurement.current[ELBOW] = 2.0
-    play(signal, made)
-    assert signal.worn[ELBOW] == (signal._threshold.change[ELBOW] >= 2.9)
-    assert not np.delete(signal.worn, ELBOW).any()
-
-
 # -- learning -------------------------------------------------------------------------------------------------------
 
 
