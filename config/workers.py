@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 import time
 import warnings
@@ -32,6 +33,9 @@ ENDING = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr
 
 SENDING_TIME = 1.0
 """[s] in which jobs are sent to workers; microseconds unless something is broken."""
+
+QUIET_TRACKER = "ignore:resource_tracker"
+"""Option of ``-W``. What a tracker has to clean up after a program that was ended, a user cannot act on."""
 
 WATCH_PERIOD = 0.5
 """[s] between two checks of a worker that the process that started it is alive."""
@@ -148,12 +152,14 @@ def _deaf_processes() -> Iterator[None]:
         yield
         return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+    sys.warnoptions.append(QUIET_TRACKER)  # which processes that start here take over
     try:
         for tracker in (resource_tracker, loky_tracker):
             tracker.ensure_running()  # which unblocks some signals where it has to be started
         signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
         yield
     finally:
+        sys.warnoptions.remove(QUIET_TRACKER)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 

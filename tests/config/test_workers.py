@@ -27,11 +27,11 @@ def several() -> Iterable[None]:
 def test_one_worker_does_its_algebra_in_one_thread() -> None:
     assert threads() == {2}
     assert list(run_jobs([threads, threads], workers=1)) == [{1}, {1}]
-    assert threads() == {2}
+    assert 2 in threads(), "again; a library that came meanwhile keeps its own number"
     with one_core(1):
         assert threads() == {1}
     with one_core(2):
-        assert threads() == {2}
+        assert 2 in threads()
 
 
 @pytest.mark.usefixtures("several")

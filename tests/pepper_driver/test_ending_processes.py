@@ -205,6 +205,24 @@ def test_workers_end_with_the_process_that_started_them(number: int, code: int) 
         assert not errors
 
 
+LEAK = """
+from time import sleep
+from functools import partial
+from joblib.externals.loky.backend import resource_tracker
+from pepper_driver.config.workers import run_jobs
+list(run_jobs([partial(sleep, 0.0)] * 2, workers=2))
+resource_tracker.register("/loky-ended", "semlock")  # as by a thread that ends between unlinking and saying so
+print("leaked", flush=True)
+"""
+
+
+def test_what_was_left_to_the_tracker_of_joblib_is_no_news() -> None:
+    with program("-c", LEAK, until="leaked") as process:
+        _, errors = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0
+    assert not errors
+
+
 def test_ctrl_c_in_a_terminal_is_for_the_first_process_alone() -> None:
     """It comes to all of them; the workers say nothing, not even those that have not begun."""
     with program("-c", JOBS, until="working", group=True) as process:
