@@ -71,6 +71,9 @@ LOAD_PLACE_STD = 0.03
 REST_SPEED = 0.02
 """[rad/s] Up to it a joint counts as at rest. Friction may hold it."""
 
+STANDSTILL_SPEED = 0.005
+"""[m/s], [rad/s] Commanded speed below which the base stands: friction holds its wheels."""
+
 ROCKING_SPEED = 0.2
 """[rad/s] Desired speed of joints below which they do not rock the base."""
 

@@ -23,6 +23,7 @@ from pepper_driver.observer.detection.body_isolation import BodyTracker
 from pepper_driver.observer.detection.chain_isolation import ChainTrackers
 from pepper_driver.observer.detection.contact_force import ContactForce, ForceEstimator
 from pepper_driver.observer.detection.excursions import Onset, ResidualHistory
+from pepper_driver.observer.detection.threshold import SLIDING
 from pepper_driver.observer.interface import (
     Contact,
     HandLoad,
@@ -47,7 +48,7 @@ ONSET_LOOKBACK = 0.5
 """[s] before the median window; the onset of a touch that grows more slowly is reported too late."""
 
 MAX_SPREAD = np.radians(3.0)
-"""[rad] Identified spread beyond which a joint never shows a touch: recorded wrists have 5 deg and more."""
+"""[rad] Identified spread while sliding beyond which a joint never shows a touch: recorded wrists have 5 deg."""
 
 WEAR_PERIOD = 2500
 """Ticks between two checks for worn joints: half a minute."""
@@ -396,7 +397,7 @@ def numb_joints(models: ModelSet) -> tuple[str, ...]:
     return tuple(
         name
         for name, model in models.models.items()
-        if isinstance(model, FusionModel) and max(model.spread) > MAX_SPREAD
+        if isinstance(model, FusionModel) and model.spread[SLIDING] > MAX_SPREAD
     )
 
 

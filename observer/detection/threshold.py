@@ -40,7 +40,7 @@ REST, BREAKAWAY, SLIDING = range(3)
 """Phases of the motion of a joint without touch: at rest; just after it broke away; sliding for SETTLING_TICKS."""
 
 
-def threshold_factor(false_contacts: float, tail: float = TAIL) -> float:
+def threshold_factor(false_contacts: float, tail: float) -> float:
     """Return the threshold in spreads at which so many contacts an hour are false."""
     return 1.0 + tail * max(math.log(EXCURSIONS / false_contacts), 0.0)
 
@@ -73,20 +73,27 @@ class SpreadState:
     Attributes:
         identified: As identified.
         today: At present.
-        ticks: For which the signal has been beyond it.
+        ticks: For which the signal has been beyond it, on one side.
+        side: Sign of the signal when it was beyond it last.
     """
 
     identified: float
     today: float
     ticks: int
+    side: float
 
 
 @kernel
-def learn_spread(spreads: Out[Records[SpreadState]], j: int, size: float, smallest: float) -> None:
-    """Take in the size of a residual without touch; ``smallest`` is the smallest spread that it may have."""
+def learn_spread(
+    spreads: Out[Records[SpreadState]], j: int, residual: float, smallest: float
+) -> None:
+    """Take in a residual without touch; ``smallest`` is the smallest spread that it may have."""
     spread = spreads[j]
-    if size > spread.today:
-        spread.ticks += 1
+    if abs(residual) > spread.today:
+        # Friction pulls to the other side when a joint turns; a hand that nothing reports does not.
+        side = math.copysign(1.0, residual)
+        spread.ticks = spread.ticks + 1 if side == spread.side else 1
+        spread.side = side
         if spread.ticks <= PUSH_TICKS:
             spread.today *= 1.0 + RISE
     else:
@@ -104,13 +111,14 @@ def _threshold(
     moving: BoolArray,
     speed: FloatArray,
     limited: BoolArray,
+    touched: BoolArray,
     sliding_ticks: Out[IntArray],
     phase: Out[IntArray],
+    held: Out[FloatArray],
     threshold: Out[FloatArray],
 ) -> None:
     n = len(threshold)
     for j in range(n):
-        before = phase[j]
         sliding_ticks[j] = sliding_ticks[j] + 1 if abs(speed[j]) > REST_SPEED else 0
         if not moving[j]:
             phase[j] = REST
@@ -119,9 +127,11 @@ def _threshold(
         else:
             phase[j] = SLIDING
         spread = spreads[phase[j] * n + j]
-        if phase[j] != before:
-            spread.ticks = 0
         threshold[j] = np.maximum(spread.today * factors[phase[j]], lowest[j])
+        if touched[j]:
+            # A hand holds on while a joint turns or stops: its touch is over when it is.
+            threshold[j] = min(threshold[j], held[j])
+        held[j] = threshold[j]
         if limited[j]:
             threshold[j] *= UNSURE_FACTOR
 
@@ -133,7 +143,7 @@ def _learn(
     n = len(seen)
     for j in range(n):
         if seen[j]:
-            learn_spread(spreads, phase[j] * n + j, abs(residual[j]), MIN_SPREAD)
+            learn_spread(spreads, phase[j] * n + j, residual[j], MIN_SPREAD)
 
 
 class SpreadThreshold:
@@ -175,6 +185,7 @@ class SpreadThreshold:
         )
         self._speeds = RunningMaximum(PUSH_TICKS * self._cycle, self._cycle, n)
         self._sliding_ticks = np.zeros(n, dtype=np.int64)
+        self._touched, self._held = np.zeros(n, dtype=np.bool_), np.full(n, np.inf)
         self.moving, self.phase = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.int64)
 
     @property
@@ -207,11 +218,17 @@ class SpreadThreshold:
             self.moving,
             speed,
             limited,
+            self._touched,
             self._sliding_ticks,
             self.phase,
+            self._held,
             threshold,
         )
         return threshold
+
+    def hold(self, touched: BoolArray) -> None:
+        """Keep thresholds of joints (n,) from rising with the phase of the motion until they are touched no more."""
+        self._touched = touched
 
     def learn(self, residual: FloatArray, seen: BoolArray) -> None:
         """Take in residuals (n,) [rad] of joints without touch that can be judged (n,)."""

@@ -545,7 +545,7 @@ class FusionGenerator:
 
     @property
     def worn(self) -> BoolArray:
-        """(n,) joints whose residual in motion has grown as far as its spread may follow it."""
+        """(n,) joints whose residual while sliding has grown as far as its spread may follow it."""
         return self._threshold.change >= WORN_CHANGE
 
     @property
@@ -561,6 +561,7 @@ class FusionGenerator:
         assert isinstance(detail, _Detail)
         n, learns_bias = len(residual), self._adapt and self._parts.bias
         self._settle(settled, blind, detail.measured)
+        self._threshold.hold(~free)
         seen, resting = np.empty(n, np.bool_), np.empty(n, np.bool_)
         self._judge(
             residual,

@@ -21,6 +21,8 @@ from pepper_driver.observer.constants import (
     ROCKING_SPEED,
     SETTLING_TICKS,
     SHAKING_ACCELERATION,
+    STANDSTILL_SPEED,
+    TAIL,
 )
 from pepper_driver.observer.detection.threshold import (
     SpreadState,
@@ -30,9 +32,6 @@ from pepper_driver.observer.detection.threshold import (
 from pepper_driver.observer.interface import MAX_PLAUSIBLE
 from pepper_driver.observer.models.fusion_model import OUTPUTS, TAPS, BaseModel
 from pepper_driver.observer.running_filters import RunningMedian
-
-STANDSTILL_SPEED = 0.005
-"""[m/s], [rad/s] Commanded speed of a base that stands: friction holds its wheels."""
 
 FROZEN_TICKS = 2
 """From which on values that the inertial unit repeats count as missing: the filter takes out fewer."""
@@ -169,7 +168,7 @@ def _learn_base(
 ) -> None:
     for output in range(len(filtered)):
         if seen[output]:
-            learn_spread(spreads, output, abs(filtered[output]), smallest[output])
+            learn_spread(spreads, output, filtered[output], smallest[output])
 
 
 class BaseGenerator:
@@ -210,7 +209,7 @@ class BaseGenerator:
             np.maximum(np.array(spread), MIN_SPREADS)
             for spread in (model.still, model.moving, model.shaking, model.driving)
         ]
-        self._factor, self._adapt = threshold_factor(false_contacts), adapt
+        self._factor, self._adapt = threshold_factor(false_contacts, TAIL), adapt
         self._legs = np.array(leg_indices(robot), dtype=np.int64)
         self._inverse = np.array(robot.wheels.inverse, dtype=np.float64, order="C")
         self._window, self._standing_delay = window, TAPS + SETTLING_TICKS

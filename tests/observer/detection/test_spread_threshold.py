@@ -84,13 +84,13 @@ def spread_at_rest(target: SpreadThreshold) -> FloatArray:
     ("false_contacts", "factor"), [(0.1, 5.003), (1.0, 4.151), (5000.0, 1.0), (1e6, 1.0)]
 )
 def test_factor_by_hand(false_contacts: float, factor: float) -> None:
-    assert threshold_factor(false_contacts) == pytest.approx(factor, abs=1e-3)
+    assert threshold_factor(false_contacts, TAIL) == pytest.approx(factor, abs=1e-3)
 
 
 @given(st.floats(1e-4, 4999.0), st.floats(1.001, 100.0))
 def test_fewer_false_contacts_need_a_larger_factor(false_contacts: float, fewer: float) -> None:
-    factor = threshold_factor(false_contacts)
-    assert threshold_factor(false_contacts / fewer) > factor >= 1.0
+    factor = threshold_factor(false_contacts, TAIL)
+    assert threshold_factor(false_contacts / fewer, TAIL) > factor >= 1.0
     # The tail is exponential: of all excursions in an hour, so many go beyond it.
     assert EXCURSIONS * math.exp(-(factor - 1.0) / TAIL) == pytest.approx(false_contacts)
 
@@ -276,3 +276,33 @@ def test_reset_forgets_the_session() -> None:
     assert target.change[0] == 1.0
     assert not target.moving.any()
     assert step(target)[0] == pytest.approx(FACTOR * 0.01, rel=1e-4)
+
+
+def test_a_touch_keeps_its_threshold_while_the_joint_turns_and_stops() -> None:
+    target = made((0.05, 0.03, 0.01), (0.05, 0.03, 0.01))
+    low = slide(target)[0]
+    target.hold(np.array([True, False]))
+    for k in range(2 * SETTLING_TICKS):
+        held, other = step(target, -1.0 if 1 <= k < 5 else 0.0)
+        assert held == pytest.approx(low)
+        assert other > 2.0 * low
+    # A command that the gate alters doubles it all the same.
+    assert step(target, limited=True)[0] == pytest.approx(UNSURE_FACTOR * low)
+    target.hold(np.zeros(2, dtype=np.bool_))
+    assert step(target)[0] == pytest.approx(FACTOR * 0.05, rel=1e-4)
+
+
+def test_a_touch_that_nothing_reports_does_not_widen_the_threshold_of_a_joint_that_swings() -> None:
+    """Friction changes its side with the motion; a hand does not."""
+    seen, grown = np.ones(1, dtype=np.bool_), []
+    for alternates in (False, True):
+        target = made((0.01,) * 3)
+        for k in range(60):
+            side = -1.0 if k % 2 else 1.0
+            step(target, 0.0)
+            for _ in range(SETTLING_TICKS + 20):
+                step(target, side)
+                target.learn(np.array([0.025 * (side if alternates else 1.0)]), seen)
+        grown.append(float(target.change[0]))
+    assert grown[0] < 1.1
+    assert grown[1] == pytest.approx(MAX_CHANGE)

@@ -19,6 +19,7 @@ from pepper_driver.observer.constants import (
     ROCKING_SPEED,
     SETTLING_TICKS,
     SHAKING_ACCELERATION,
+    TAIL,
 )
 from pepper_driver.observer.detection.threshold import threshold_factor
 from pepper_driver.observer.fitting.mobile_base import fit_base
@@ -36,7 +37,7 @@ from support.observer import CYCLE, JOINTS, ROBOT, tick
 
 WINDOW = 5
 FALSE_CONTACTS = 0.1
-FACTOR = threshold_factor(FALSE_CONTACTS)
+FACTOR = threshold_factor(FALSE_CONTACTS, TAIL)
 LEGS = [ROBOT.joint_index(name) for name in ROBOT.chains["legs"]]
 MATRIX = np.asarray(ROBOT.wheels.matrix)
 STARTED = TAPS + WINDOW  # ticks after which residuals are judged
