@@ -11,7 +11,7 @@ FORWARD = {"LShoulderPitch": 0.8, "LShoulderRoll": 0.15, "LElbowRoll": -0.6}
 ASIDE = {"LShoulderPitch": 1.0, "LShoulderRoll": 0.7, "LElbowRoll": -0.4}
 DOWN = {"LShoulderPitch": 1.4, "LShoulderRoll": 0.3, "LElbowRoll": -0.5}
 FOLLOW = FollowHand(limb="left_arm", follow_with="arm", priority=20)
-RETRACT = Retract(limb="left_arm", min_force=15.0, distance=0.3, priority=50)
+RETRACT = Retract(limb="left_arm", min_force=18.0, distance=0.3, priority=50)
 
 if __name__ == "__main__":
     uri = sys.argv[1] if len(sys.argv) > 1 else "mujoco"

@@ -7,7 +7,7 @@ import logging
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -21,7 +21,7 @@ from pepper_driver.config.self_collision import load_self_collision
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.detection.body_isolation import BodyTracker
 from pepper_driver.observer.detection.chain_isolation import ChainTrackers
-from pepper_driver.observer.detection.contact_force import ContactForce, ForceEstimator
+from pepper_driver.observer.detection.contact_force import ForceEstimator
 from pepper_driver.observer.detection.excursions import Onset, ResidualHistory
 from pepper_driver.observer.detection.threshold import SLIDING
 from pepper_driver.observer.interface import (
@@ -74,10 +74,14 @@ class Tracker(Protocol):
         self,
         time: float,
         residuals: Residuals,
+        position: FloatArray,
         state: list[JointState],
         settled: list[bool],
     ) -> Sequence[Contact]:
-        """Take in one tick at ``time`` [s]; set (n,) states, and ``settled`` where a contact has just ended."""
+        """Take in one tick at ``time`` [s] and measured ``position`` (n,) [rad].
+
+        It sets (n,) states, and ``settled`` where a contact has just ended.
+        """
         ...
 
     def reset(self) -> None:
@@ -95,7 +99,7 @@ class ObserverParts:
     """
 
     residual: FusionParts = field(default_factory=FusionParts)
-    tracker: Callable[[RobotConfig, ObserverSettings, Onset], Tracker] = BodyTracker
+    tracker: Callable[[RobotConfig, ObserverSettings, Onset, ForceEstimator], Tracker] = BodyTracker
 
 
 class ContactObserver(Observer):
@@ -142,10 +146,9 @@ class ContactObserver(Observer):
         lookback = math.ceil(ONSET_LOOKBACK / robot.cycle)
         self._history = ResidualHistory(window, lookback, len(robot.joint_names))
         self._tracker: Tracker
-        self._forces: ForceEstimator | None = None
         if self._mode == "fusion":
-            self._tracker = parts.tracker(robot, settings, self._history.onset)
-            self._forces = ForceEstimator(robot, load_self_collision(robot), scale)
+            forces = ForceEstimator(robot, load_self_collision(robot), scale)
+            self._tracker = parts.tracker(robot, settings, self._history.onset, forces)
         else:
             self._tracker = ChainTrackers(robot, settings, self._history.onset)
         no_model = self._generator.no_model
@@ -177,7 +180,6 @@ class ContactObserver(Observer):
         self._contact_ticks: Counter[str] = Counter()
         self._long_touched: set[str] = set()
         self._doubted = np.zeros(len(self._none_settled), dtype=np.bool_)
-        self._last_forces: dict[int, ContactForce] = {}
         self._generator.reset()
         self._history.reset()
         self._tracker.reset()
@@ -302,9 +304,7 @@ class ContactObserver(Observer):
             self._time = tick.measurement.time
         residuals = self._generator.step(tick)
         self._history.append(self._time, residuals.raw, residuals.base_raw)
-        contacts, state, free, settled = self._events(residuals)
-        if contacts and self._forces is not None:
-            contacts = self._with_forces(contacts, residuals, state, tick.measurement.position)
+        contacts, state, free, settled = self._events(residuals, tick.measurement.position)
         self._generator.learn(residuals, free, settled, self._tracker.idle)
         self._ticks += 1
         self._count_contacts(contacts)
@@ -323,33 +323,8 @@ class ContactObserver(Observer):
             state=state,
         )
 
-    def _with_forces(
-        self,
-        contacts: Sequence[Contact],
-        residuals: Residuals,
-        state: NDArray[np.int8],
-        position: FloatArray,
-    ) -> Sequence[Contact]:
-        """Return the events of a tick with the forces of their contacts."""
-        assert self._forces is not None
-        usable = state != JointState.DOUBTFUL
-        found = []
-        for contact in contacts:
-            if contact.phase == "end":
-                force = self._last_forces.pop(contact.id, None)
-            elif contact.limb == TRUNK or contact.kind == "rebound":
-                force = None
-            else:
-                force = self._forces.estimate(
-                    contact.limb, residuals.torque, residuals.torque_std, usable, position
-                )
-                if force is not None:
-                    self._last_forces[contact.id] = force
-            found.append(contact if force is None else _with_force(contact, force))
-        return found
-
     def _events(
-        self, residuals: Residuals
+        self, residuals: Residuals, position: FloatArray
     ) -> tuple[Sequence[Contact], NDArray[np.int8], BoolArray, BoolArray]:
         """Return the events of this tick; (n,) states; joints without touch; joints that were just released."""
         no_model, doubtful = self._generator.no_model, residuals.doubtful
@@ -362,7 +337,7 @@ class ContactObserver(Observer):
             return (), self._resting_state.copy(), self._known, self._none_settled
         n = len(no_model)
         states, settled = [JointState.BLIND] * n, [False] * n
-        contacts = self._tracker.step(self._time, residuals, states, settled)
+        contacts = self._tracker.step(self._time, residuals, position, states, settled)
         # Of bytes: an array of a list of enumeration members takes three times as long.
         state = np.frombuffer(bytearray(states), dtype=np.int8)
         state[self._numb] = JointState.DOUBTFUL
@@ -408,21 +383,6 @@ def limb_numbers(robot: RobotConfig) -> IntArray:
     for number, joints in enumerate(robot.limbs[name] for name in order):
         numbers[[robot.joint_index(joint) for joint in joints]] = number
     return numbers
-
-
-def _with_force(contact: Contact, force: ContactForce) -> Contact:
-    """Return a contact with its force."""
-    x, y, z = force.vector.tolist()
-    px, py, pz = force.point.tolist()
-    return replace(
-        contact,
-        force=(x, y, z),
-        force_covariance=tuple(force.covariance.ravel().tolist()),
-        force_interval=force.interval,
-        point=(px, py, pz),
-        point_covariance=tuple(force.point_covariance.ravel().tolist()),
-        scale_known=force.scale_known,
-    )
 
 
 def _fusion_models(robot: RobotConfig, models: ModelSet) -> list[FusionModel | None]:

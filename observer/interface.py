@@ -41,12 +41,13 @@ class Contact:
         limb: ``left_arm``, ``right_arm``, ``head`` or ``trunk``, which includes the base.
         limb_known: False for a contact on the trunk in mode ``fusion``: one on a limb, whose line of force passes near
             the axes of its joints or that friction hides, shakes the base in the same way.
-        joint: The last joint of the chain that detects it; None for trunk and base.
-        link: The link that this joint carries.
-        direction: Sign of the external torque on the joint, in the joint's positive sense: minus the sign of the
-            residual r = eps - eps_exp.
-        intensity_deg: Largest size of the residual so far [deg]; 0 where only the wheels detect it.
-        torque: External torque estimate on the joint [N m], signed, at most what motor, friction and load can oppose;
+        joint: The joint of the limb on which ``force`` has the largest torque; without a force, the last one of the
+            chain that detects the contact. None for trunk and base.
+        link: The link that the last joint of the chain that detects the contact carries.
+        direction: Sign of the external torque on the joint, in the joint's positive sense.
+        intensity_deg: Largest size so far of the residual of the joint that carries ``link`` [deg]; 0 where only the
+            wheels detect it.
+        torque: External torque on the joint [N m], signed: that of ``force``; without a force, that of the joint alone.
             None where no estimate exists.
         torque_std: Its standard deviation [N m]; None where no estimate exists.
         force: Force on the limb [N], in the axes of base_link, as the torques of all its joints show it; of an ``end``,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.robot import TRUNK
@@ -64,6 +64,9 @@ ISOLATION_TIME = 0.17
 REBOUND_TIME = 0.8
 """[s] After a release the joint swings back; contacts in this time are neither detected pushes nor false."""
 
+JOINT_SHARE = 0.7
+"""A joint is right if it has at least this share of the largest torque on the limb's joints."""
+
 RUN_GAP = 0.3
 """[s] A contact that begins within this time after another on the same limb continues it."""
 
@@ -78,6 +81,7 @@ class KnownPush:
         direction: Sign of its torque on the joint.
         force: Its largest size [N]; of a grab, the pull of the elastic hand on a link that does not move.
         torque: Largest torque on the joint [N m].
+        torques: By joint of its limb, the largest torque, signed [N m]; empty where it is unknown.
         degrees: That torque divided by the proportional stiffness of the joint [deg]; on trunk and base, the largest
             value of the leg joints. NaN where the force is unknown.
         onset: When the force began [s].
@@ -98,6 +102,7 @@ class KnownPush:
     moving: bool
     saturating: bool = False
     saturated: bool = False
+    torques: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,6 +122,22 @@ class DetectedPush:
     def final_contact(self) -> Contact:
         """The contact after its last isolation, ISOLATION_TIME after its detection."""
         return self.track.at(self.contact.detection_time + ISOLATION_TIME)
+
+    @property
+    def joint_right(self) -> bool:
+        """True if the joint of that contact has at least JOINT_SHARE of the largest torque on the limb's joints."""
+        joint = self.final_contact.joint
+        if joint is None or not self.push.torques:
+            return joint == self.push.joint
+        largest = max(map(abs, self.push.torques.values()))
+        return abs(self.push.torques.get(joint, 0.0)) >= JOINT_SHARE * largest
+
+    @property
+    def direction_right(self) -> bool:
+        """True if the direction of that contact is the sign of the torque on its joint."""
+        contact, push = self.final_contact, self.push
+        torque = push.torques.get(contact.joint or "", push.direction)
+        return contact.direction * torque > 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -665,7 +665,7 @@ def test_pushes_on_the_moving_arm_are_counted_by_plant_force_and_direction(
     untouched = {"seconds": 120.0, "sentences": 1, "reflexes": 2, "contacts": 3}
     run = {"pushes": [push, strong, missed], "left_out": [[25.0, "forward"]], "tilt": 0.01}
     run |= {"other_sentences": 4, "untouched": untouched}
-    names = [f"test nominal 15 N {number}" for number in range(2)]
+    names = [f"test nominal 18 N {number}" for number in range(2)]
     path.write_text(json.dumps({"runs": dict.fromkeys(names, run)}))
     options = ["--seeds", "test", "--plants", "nominal", "--runs", "2", "--json", str(path)]
     status, out, err = scripted(TOUCH, monkeypatch, capsys, *options)

@@ -5,13 +5,17 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import count
+
+import numpy as np
 
 from pepper_driver.config import ObserverSettings, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_selector import Kind
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.observer.constants import PUSH_TICKS, RELATIVE_RATIO, REPORT_DELAY
+from pepper_driver.observer.detection.contact_force import ContactForce, ForceEstimator
 from pepper_driver.observer.detection.excursions import (
     TIME_TOLERANCE,
     Excursion,
@@ -61,6 +65,7 @@ class BodyContact:
         self.limb, self.limb_known = "", True
         self.driving = driving
         self.joint: int | None = None
+        self.shown_by: int | None = None
         self.link = ""
         self.sign = 0
         self.peak = 0.0
@@ -72,6 +77,8 @@ class BodyContact:
         self.reported_torque: FloatArray | None = None
         self.fall_time: float | None = None
         self.revisions = 0
+        self.force: ContactForce | None = None
+        self.fit_time: float | None = None
 
 
 class _Limb:
@@ -89,14 +96,19 @@ class _Limb:
     def live(self) -> list[Excursion]:
         return [m.excursion for m in self.monitors if m.excursion is not None]
 
+    def live_joints(self) -> list[int]:
+        return [excursion.joint for excursion in self.live()]
+
 
 class BodyTracker:
     """Tracker of contacts on the whole body: one at a time on each limb, and one on the trunk.
 
-    - On a limb, a contact is on the last joint whose largest ratio of residual and threshold exceeds 1 and
+    - On a limb, a contact is on the link of the last joint whose largest ratio of residual and threshold exceeds 1 and
       RELATIVE_RATIO of the limb's largest. The last PUSH_TICKS ticks count. Joints beyond the contact are shaken, but
-      less. The joint is determined at the detection and again REISOLATION_TIMES later. Then it changes only if it
-      becomes blind.
+      less. The link is determined at the detection and again REISOLATION_TIMES later. Then it changes only if the
+      joint becomes blind.
+    - The joint that is named is the one on which the force of the contact has the largest torque: friction may hide
+      this torque. Where no force can be fitted it is the joint that carries the link.
     - The trunk carries the limbs. Residuals of its joints belong to the contact on a limb if that contact exists now,
       existed when they began, or ended at most ``rebound_window`` before. A touch that no joint of a limb shows
       shakes the trunk in the same way: the limb of a contact there is not known.
@@ -113,10 +125,17 @@ class BodyTracker:
         robot: Its description.
         settings: Times of the events.
         onset: Function that gives the time when an excursion began.
+        forces: Estimate of forces.
     """
 
-    def __init__(self, robot: RobotConfig, settings: ObserverSettings, onset: Onset) -> None:
-        self._robot = robot
+    def __init__(
+        self,
+        robot: RobotConfig,
+        settings: ObserverSettings,
+        onset: Onset,
+        forces: ForceEstimator,
+    ) -> None:
+        self._robot, self._forces = robot, forces
         self._names = robot.joint_names
         self._collision = settings.collision_factor
         self._rebound_window = settings.rebound_window + TIME_TOLERANCE
@@ -154,6 +173,7 @@ class BodyTracker:
         self,
         time: float,
         residuals: Residuals,
+        position: FloatArray,
         state: list[JointState],
         settled: list[bool],
     ) -> list[Contact]:
@@ -162,13 +182,14 @@ class BodyTracker:
         Args:
             time: Clock of the robot [s], not decreasing.
             residuals: Residuals, thresholds and torques.
+            position: (17,) measured [rad].
             state: (17,) entries are set.
             settled: (17,) entries are set where a contact has ended.
 
         Returns:
             Events in their order.
         """
-        self._residuals = residuals
+        self._residuals, self._position = residuals, position
         if self._idle:
             # An idle tracker need not be stepped: what it saw before is of another time.
             for limb in self._limbs.values():
@@ -270,7 +291,7 @@ class BodyTracker:
         if contact.number is None:
             if time - contact.begin_time + TIME_TOLERANCE >= REPORT_DELAY:
                 if over:
-                    self._locate(limb, contact, touching or over)
+                    self._locate(limb, contact, touching or over, time)
                 self._report(contact, "begin", time, events)
         elif changed or (
             over
@@ -298,6 +319,8 @@ class BodyTracker:
 
     def _torque(self, contact: BodyContact) -> tuple[float | None, float | None]:
         """Return torque on the joint and its standard deviation [N m], both None if unknown."""
+        if contact.force is not None:
+            return contact.force.torque, contact.force.torque_std
         if contact.joint is not None:
             torque = float(self._residuals.torque[contact.joint])
             std = float(self._residuals.torque_std[contact.joint])
@@ -337,13 +360,13 @@ class BodyTracker:
             # The trunk has detected the push on this limb first.
             limb.contact, trunk.contact, trunk.explained = moved, None, True
             moved.onset_time, moved.fall_time = min(moved.onset_time, first), None
-            self._locate(limb, moved, over)
+            self._locate(limb, moved, over, time)
             self._report(moved, "begin" if moved.number is None else "update", time, events)
             return
         contact = limb.contact = BodyContact(time, first, driving=self._residuals.base_drives)
         if all(excursion.kind == "rebound" for excursion in over):
             contact.kind = "rebound"
-        self._locate(limb, contact, over)
+        self._locate(limb, contact, over, time)
         last = limb.last
         if (
             contact.kind == "contact"
@@ -368,9 +391,9 @@ class BodyTracker:
             and since >= REISOLATION_TIMES[contact.revisions]
         ):
             contact.revisions += 1
-            self._locate(limb, contact, over)
-        elif contact.joint is not None and not any(e.joint == contact.joint for e in limb.live()):
-            self._locate(limb, contact, over)
+            self._locate(limb, contact, over, time)
+        elif contact.shown_by is not None and contact.shown_by not in limb.live_joints():
+            self._locate(limb, contact, over, time)
         if contact.kind == "contact" and any(e.kind == "collision" for e in over):
             contact.kind = "collision"
         lasted = time - contact.onset_time
@@ -379,13 +402,15 @@ class BodyTracker:
         elif contact.kind == "push" and lasted > HOLD_TIME:
             contact.kind = "hold"
         for excursion in over:
-            if excursion.joint == contact.joint or (
+            if excursion.joint == contact.shown_by or (
                 limb is self._trunk and excursion.joint < len(self._names)
             ):
                 contact.peak = max(contact.peak, excursion.peak)
         return (contact.joint, contact.link, contact.kind, contact.sign) != before
 
-    def _locate(self, limb: _Limb, contact: BodyContact, over: Sequence[Excursion]) -> None:
+    def _locate(
+        self, limb: _Limb, contact: BodyContact, over: Sequence[Excursion], time: float
+    ) -> None:
         """Determine joint and link of a contact."""
         peaks = [max(column) for column in zip(*limb.ratios, strict=True)]
         bound = RELATIVE_RATIO * max(peaks)
@@ -409,34 +434,75 @@ class BodyTracker:
             contact.link = TRUNK_LINK if place > 0 else BASE_LINK
             contact.peak = max((e.peak for e in over if e.joint != limb.joints[0]), default=0.0)
         else:
-            contact.joint = excursion.joint
+            contact.joint = contact.shown_by = excursion.joint
             joint = self._robot.joints[excursion.joint]
             contact.limb, contact.link = self._robot.limb_of(joint.name), joint.child
             contact.limb_known = True
+            contact.fit_time = None
+            self._fit_force(contact, time)
+
+    def _fit_force(self, contact: BodyContact, time: float) -> None:
+        """Fit a force to the torques of this tick, which names the joint."""
+        if contact.limb == TRUNK or contact.kind == "rebound" or contact.fit_time == time:
+            return
+        contact.fit_time = time
+        doubtful = self._residuals.doubtful
+        usable = np.ones(len(self._names), dtype=np.bool_) if doubtful is None else ~doubtful
+        usable[self._limbs[contact.limb].live_joints()] = True
+        force = self._forces.estimate(
+            contact.limb,
+            self._residuals.torque,
+            self._residuals.torque_std,
+            usable,
+            self._position,
+        )
+        if force is not None:
+            contact.force = force
+        if contact.force is not None:
+            contact.joint, contact.sign = (
+                contact.force.joint,
+                -1 if contact.force.torque > 0.0 else 1,
+            )
 
     def _report(
         self, contact: BodyContact, phase: Phase, time: float, events: list[Contact]
     ) -> None:
         if contact.number is None:
             contact.number, contact.detection_time = self._next_id(), time
+        if phase != "end":
+            self._fit_force(contact, time)
         torque, torque_std = self._torque(contact)
         contact.report_time, contact.reported_peak = time, contact.peak
         contact.reported_torque = self._residuals.torque
-        events.append(
-            Contact(
-                id=contact.number,
-                phase=phase,
-                kind=contact.kind,
-                limb=contact.limb,
-                limb_known=contact.limb_known,
-                joint=None if contact.joint is None else self._names[contact.joint],
-                link=contact.link,
-                direction=-1 if contact.sign > 0 else 1,
-                intensity_deg=math.degrees(contact.peak),
-                torque=torque,
-                torque_std=torque_std,
-                onset_time=contact.onset_time,
-                detection_time=contact.detection_time,
-                time=time,
-            )
+        event = Contact(
+            id=contact.number,
+            phase=phase,
+            kind=contact.kind,
+            limb=contact.limb,
+            limb_known=contact.limb_known,
+            joint=None if contact.joint is None else self._names[contact.joint],
+            link=contact.link,
+            direction=-1 if contact.sign > 0 else 1,
+            intensity_deg=math.degrees(contact.peak),
+            torque=torque,
+            torque_std=torque_std,
+            onset_time=contact.onset_time,
+            detection_time=contact.detection_time,
+            time=time,
         )
+        events.append(event if contact.force is None else _with_force(event, contact.force))
+
+
+def _with_force(contact: Contact, force: ContactForce) -> Contact:
+    """Return a contact with its force."""
+    x, y, z = force.vector.tolist()
+    px, py, pz = force.point.tolist()
+    return replace(
+        contact,
+        force=(x, y, z),
+        force_covariance=tuple(force.covariance.ravel().tolist()),
+        force_interval=force.interval,
+        point=(px, py, pz),
+        point_covariance=tuple(force.point_covariance.ravel().tolist()),
+        scale_known=force.scale_known,
+    )

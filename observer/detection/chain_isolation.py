@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from itertools import count
 
 from pepper_driver.config import ObserverSettings, RobotConfig
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_selector import Kind
 from pepper_driver.observer.detection.excursions import (
     TIME_TOLERANCE,
@@ -224,9 +225,17 @@ class ChainTrackers:
         return all(chain.idle for chain in self._chains)
 
     def step(
-        self, time: float, residuals: Residuals, state: list[JointState], settled: list[bool]
+        self,
+        time: float,
+        residuals: Residuals,
+        position: FloatArray,
+        state: list[JointState],
+        settled: list[bool],
     ) -> list[Contact]:
-        """Take in one tick; see :meth:`ChainTracker.step`. ``settled`` stays: the paper has no such state."""
+        """Take in one tick; see :meth:`ChainTracker.step`. ``settled`` stays: the paper has no such state.
+
+        Nor has it forces, for which ``position`` is needed.
+        """
         residual, threshold = residuals.residual.tolist(), residuals.threshold.tolist()
         contacts: list[Contact] = []
         for chain in self._chains:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,6 +50,9 @@ class ContactForce:
         point: (3,) on the axis of its link [m].
         point_covariance: (3, 3) [m2].
         scale_known: True if a known weight has shown the scale of all torques that it is fitted to.
+        joint: Joint on which its torque is largest, by its index.
+        torque: That torque, signed [N m].
+        torque_std: Its standard deviation [N m].
     """
 
     vector: FloatArray
@@ -57,6 +61,9 @@ class ContactForce:
     point: FloatArray
     point_covariance: FloatArray
     scale_known: bool
+    joint: int
+    torque: float
+    torque_std: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,8 +150,16 @@ class ForceEstimator:
         if excess > 1.0:
             # No force at one place explains these torques: they are less certain than they seem.
             fits = fit_forces(levers, measured, excess * variance, radius)
-        return self._average(
-            fits, points, radius, spacing, scale_known=bool(self._scale.known[joints].all())
+        force = self._average(fits, points, radius, spacing, levers, joints)
+        if excess <= 1.0:
+            return force
+        # Then the largest torque that was measured counts, and not that of the force.
+        largest = int(np.argmax(np.abs(measured)))
+        return replace(
+            force,
+            joint=joints[largest],
+            torque=float(measured[largest]),
+            torque_std=float(torque_std[joints[largest]]),
         )
 
     def _average(
@@ -153,8 +168,8 @@ class ForceEstimator:
         points: FloatArray,
         radius: FloatArray,
         spacing: FloatArray,
-        *,
-        scale_known: bool,
+        levers: FloatArray,
+        joints: Sequence[int],
     ) -> ContactForce:
         weight = fits.weight
         mean, covariance = _mixture(weight, fits.mean, fits.covariance)
@@ -163,13 +178,23 @@ class ForceEstimator:
         at_point = weight.reshape(len(points), -1).sum(axis=1)
         around = (radius**2 / 3.0 + spacing**2 / 12.0)[:, None, None] * np.eye(3)
         point, point_covariance = _mixture(at_point, points, around)
+        levers = np.repeat(levers, len(weight) // len(points), axis=0)  # of each component
+        torque, torque_covariance = _mixture(
+            weight,
+            (levers @ fits.mean[..., None])[..., 0],
+            levers @ fits.covariance @ levers.transpose(0, 2, 1),
+        )
+        largest = int(np.argmax(np.abs(torque)))
         return ContactForce(
             vector=mean * (middle / length) if length > 0.0 else mean,
             covariance=covariance,
             interval=(low, high),
             point=point,
             point_covariance=point_covariance,
-            scale_known=scale_known,
+            scale_known=bool(self._scale.known[joints].all()),
+            joint=joints[largest],
+            torque=float(torque[largest]),
+            torque_std=math.sqrt(torque_covariance[largest, largest]),
         )
 
     def _sizes(self, fits: ForceFits) -> tuple[float, float, float]:

@@ -123,14 +123,15 @@ def demo(
 
 
 def describe_contact(contact: Contact, pushes: tuple[KnownPush, ...]) -> str:
-    """Describe a settled contact; the delay is from the onset of the true push on its joint to the detection."""
+    """Describe a settled contact; the delay is from the onset of the true push on its limb to the detection."""
     side, time = "+" if contact.direction > 0 else "-", contact.detection_time
     text = (
         f"{time:7.2f} s  {contact.kind:9s} {contact.joint or 'trunk':14s} {contact.link:10s} "
         f"direction {side}  intensity {_intensity(contact):>8s}"
     )
     for push in pushes:
-        if push.joint == contact.joint and push.onset <= time <= push.release + RELEASE_GRACE:
+        on_limb = contact.joint == push.joint or contact.joint in push.torques
+        if on_limb and push.onset <= time <= push.release + RELEASE_GRACE:
             return f"{text}  {1e3 * (time - push.onset):4.0f} ms after the true onset"
     return text
 

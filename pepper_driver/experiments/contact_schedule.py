@@ -34,7 +34,7 @@ class ContactSchedule:
         events = []
         for contact in contacts:
             text, link = str(contact), contact.planned.link
-            push = _push(contact, time)
+            push = self._push(contact, time)
             try:
                 self._order(contact)
             except ValueError as error:  # a hand of an earlier step still holds the link
@@ -87,18 +87,20 @@ class ContactSchedule:
             delay=contact.delay,
         )
 
-
-def _push(contact: PlannedContact, time: float) -> KnownPush:
-    planned, onset = contact.planned, time + contact.delay
-    return KnownPush(
-        joint=planned.joint,
-        link=planned.link,
-        direction=int(np.sign(planned.torque)),
-        force=planned.newtons,
-        torque=abs(planned.torque),
-        degrees=planned.degrees,
-        onset=onset,
-        release=onset + contact.duration,
-        moving=contact.moving,
-        saturating=planned.load > 1.0,
-    )
+    def _push(self, contact: PlannedContact, time: float) -> KnownPush:
+        planned, onset = contact.planned, time + contact.delay
+        robot = self._robot
+        limb = robot.limbs[robot.limb_of(planned.joint)]
+        return KnownPush(
+            joint=planned.joint,
+            link=planned.link,
+            direction=int(np.sign(planned.torque)),
+            force=planned.newtons,
+            torque=abs(planned.torque),
+            degrees=planned.degrees,
+            onset=onset,
+            release=onset + contact.duration,
+            moving=contact.moving,
+            saturating=planned.load > 1.0,
+            torques={name: float(planned.torques[robot.joint_index(name)]) for name in limb},
+        )

@@ -85,8 +85,8 @@ class DemoResult:
             "saturated": sum(push.saturated for push in self.pushes),
             "force_n": _extent([push.force for push in self.pushes]),
             "degrees": _extent([push.degrees for push in self.pushes]),
-            "direction_right": sum(f.final_contact.direction == f.push.direction for f in detected),
-            "joint_right": sum(f.final_contact.joint == f.push.joint for f in detected),
+            "direction_right": sum(f.direction_right for f in detected),
+            "joint_right": sum(f.joint_right for f in detected),
             "delay_ms": {
                 "median": float(np.median(delays)) if delays else None,
                 "p90": float(np.percentile(delays, 90)) if delays else None,

@@ -245,7 +245,9 @@ def _fusion(
         case "confirmation":
             parts = ObserverParts(residual=FusionParts(confirmation=False))
         case "isolation":
-            parts = ObserverParts(tracker=ChainTrackers)
+            parts = ObserverParts(
+                tracker=lambda robot, settings, onset, _: ChainTrackers(robot, settings, onset)
+            )
     return ContactObserver(robot, models, settings, parts=parts)
 
 

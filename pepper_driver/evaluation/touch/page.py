@@ -20,7 +20,6 @@ from pepper_driver.evaluation.touch.observers import ABLATIONS, FUSION
 from pepper_driver.evaluation.touch.scoring import (
     AFTER_RELEASE,
     FELT_GRACE,
-    JOINT_SHARE,
     REBOUND_TIME,
 )
 from pepper_driver.evaluation.touch.summary import LOWERED
@@ -49,6 +48,7 @@ from pepper_driver.evaluation.touch.summary_data import (
     Torques,
     TouchSummary,
 )
+from pepper_driver.observer.scoring import JOINT_SHARE
 
 HEADLINE_PLACES = ("hand", "forearm", "upper arm", "head", "trunk")
 """Places of the first table."""

@@ -21,6 +21,7 @@ from pepper_driver.evaluation.touch.records import (
     Touched,
 )
 from pepper_driver.observer.interface import Contact
+from pepper_driver.observer.scoring import JOINT_SHARE
 
 FELT_GRACE = 0.3
 """[s] A limb still counts as touched for this long after the release: the joint has not come back yet."""
@@ -33,9 +34,6 @@ AFTER_RELEASE = 2.5
 
 LATER = 0.15 + 0.012
 """[s] After the alarm. Observers locate a contact again until 150 ms, and report it in the next cycle."""
-
-JOINT_SHARE = 0.7
-"""A joint is right if it has at least this share of the largest torque on the limb's joints."""
 
 DIRECTION_SHARE = 0.2
 """Least share of the largest torque with which a joint has a direction that can be right or wrong."""

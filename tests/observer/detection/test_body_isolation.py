@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import ClassVar, cast
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from pepper_driver.observer.detection.body_isolation import (
     TRUNK_LINK,
     BodyTracker,
 )
+from pepper_driver.observer.detection.contact_force import ContactForce, ForceEstimator
 from pepper_driver.observer.interface import (
     INTENSITY_STEP_DEG,
     TORQUE_STEP_STDS,
@@ -41,16 +43,26 @@ FIRST, LAST = (math.ceil(span / CYCLE) for span in REISOLATION_TIMES)
 BEFORE_LAST = math.floor(REISOLATION_TIMES[-1] / CYCLE) - 1
 
 
+class NoForces:
+    """Estimate of a limb whose joints show no force."""
+
+    def estimate(self, limb: str, *values: object) -> None:
+        return None
+
+
+NO_FORCES = cast(ForceEstimator, NoForces())
+
+
 class Player:
     """Feeds residuals, in multiples of their thresholds, to the tracker of the whole body."""
 
-    def __init__(self) -> None:
+    def __init__(self, forces: ForceEstimator = NO_FORCES) -> None:
         self.k = 0
         self.drives = False
         self.states = [JointState.BLIND] * JOINTS
         self.settled = [False] * JOINTS
         self.tracker = BodyTracker(
-            ROBOT, SETTINGS, lambda joint, sign, threshold: max(self.k - 2, 0) * CYCLE
+            ROBOT, SETTINGS, lambda joint, sign, threshold: max(self.k - 2, 0) * CYCLE, forces
         )
 
     def play(self, ticks: int, base: float = 0.0, **residuals: float) -> list[Contact]:
@@ -74,7 +86,9 @@ class Player:
         )
         events = []
         for _ in range(ticks):
-            events += self.tracker.step(self.k * CYCLE, signal, self.states, self.settled)
+            events += self.tracker.step(
+                self.k * CYCLE, signal, np.zeros(JOINTS), self.states, self.settled
+            )
             self.k += 1
         return events
 
@@ -143,6 +157,45 @@ def test_the_joint_is_named_anew_at_each_revision_and_not_between(revision: int)
     assert moved.detection_time == 0.0
     elbow = THRESHOLDS[ROBOT.joint_index("LElbowRoll")]
     assert moved.intensity_deg == pytest.approx(math.degrees(4.0 * elbow))
+
+
+def test_a_force_names_the_joint_and_not_the_link() -> None:
+    class Force:
+        """On the left arm, of which the elbow shows most and the shoulder carries most."""
+
+        asked: ClassVar[list[str]] = []
+        torque = 5.0
+
+        def estimate(self, limb: str, *values: object) -> ContactForce:
+            self.asked.append(limb)
+            return ContactForce(
+                vector=np.array([0.0, 0.0, 9.0]),
+                covariance=np.eye(3),
+                interval=(8.0, 10.0),
+                point=np.zeros(3),
+                point_covariance=np.eye(3),
+                scale_known=False,
+                joint=ROBOT.joint_index("LShoulderPitch"),
+                torque=self.torque,
+                torque_std=0.5,
+            )
+
+    forces = Force()
+    player = Player(cast(ForceEstimator, forces))
+    events = player.play(1, LElbowRoll=2.0)
+    forces.torque = -4.0
+    events += player.play(FIRST, LElbowRoll=2.0) + player.play(QUIET)
+    assert [e.phase for e in events] == ["begin", "update", "end"]
+    assert {(e.joint, e.link) for e in events} == {("LShoulderPitch", "LForeArm")}
+    assert [(e.torque, e.torque_std, e.direction) for e in events] == [
+        (5.0, 0.5, 1),
+        (-4.0, 0.5, -1),
+        (-4.0, 0.5, -1),
+    ]
+    assert {e.force for e in events} == {(0.0, 0.0, 9.0)}
+    elbow = THRESHOLDS[ROBOT.joint_index("LElbowRoll")]
+    assert events[0].intensity_deg == pytest.approx(math.degrees(2.0 * elbow))
+    assert forces.asked == ["left_arm"] * 2, "not of an end"
 
 
 def test_after_the_last_revision_it_stays() -> None:

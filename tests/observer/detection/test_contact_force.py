@@ -19,6 +19,7 @@ from pepper_driver.observer.detection.contact_force import (
     fit_forces,
 )
 from pepper_driver.observer.residuals.torque_scale import TorqueScale
+from pepper_driver.observer.scoring import JOINT_SHARE
 
 ROBOT = load_robot()
 CAPSULES = load_self_collision(ROBOT)
@@ -303,3 +304,30 @@ def test_no_torque_is_a_small_force_with_a_finite_interval() -> None:
     assert 0.0 <= found.interval[0] <= np.linalg.norm(found.vector) + 1e-9 or not found.vector.any()
     assert np.isfinite(found.interval).all()
     assert found.interval[1] < 40.0
+
+
+@pytest.mark.parametrize("way", [(0.1, 0.8, -0.6), (0.0, -1.0, 0.1), (0.3, 0.2, 1.0)])
+def test_the_joint_with_the_largest_torque_is_named_where_friction_hides_it(
+    way: tuple[float, float, float],
+) -> None:
+    force = 15.0 * np.array(way) / np.linalg.norm(way)
+    torque = torque_of("l_wrist", force, BENT)
+    arm = [ROBOT.joint_index(name) for name in ROBOT.limbs["left_arm"]]
+    largest = max(arm, key=lambda joint: abs(torque[joint]))
+    # The joint itself shows nothing: its torque is hidden. The others show theirs.
+    shown, std = torque.copy(), np.full(N, 0.05)
+    shown[largest], std[largest] = 0.0, 3.0
+    found = estimator().estimate("left_arm", shown, std, ALL, BENT)
+    assert found is not None
+    assert abs(torque[found.joint]) >= JOINT_SHARE * abs(torque[largest])
+    assert found.torque * torque[found.joint] > 0.0
+    assert abs(found.torque - torque[found.joint]) < 2.0 * found.torque_std
+
+
+def test_of_torques_that_no_force_explains_the_largest_names_the_joint() -> None:
+    elbow = ROBOT.joint_index("LElbowRoll")
+    torque = np.zeros(N)
+    torque[elbow] = -5.0
+    found = estimator().estimate("left_arm", torque, np.full(N, 0.03), ALL, BENT)
+    assert found is not None
+    assert (found.joint, found.torque, found.torque_std) == (elbow, -5.0, 0.03)

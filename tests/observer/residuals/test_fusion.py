@@ -105,9 +105,11 @@ def test_both_channels_alone_and_together_detect_a_push(parts: FusionParts) -> N
     made = ticks_of(motion, drive(motion, torque=push))
     _, events = run(fusion_observer(parts=parts), made)
     begins = [event for event in events if event.phase == "begin" and event.kind != "rebound"]
-    assert [event.joint for event in begins] == ["LElbowRoll"]
-    assert begins[0].direction == 1
+    assert [event.link for event in begins] == ["LForeArm"]
     assert 2.0 < begins[0].time < 2.2
+    # At the begin this may still be a touch whose torque on the shoulder is larger, and hidden.
+    strongest = max(events, key=lambda event: abs(event.torque or 0.0))
+    assert (strongest.joint, strongest.direction) == ("LElbowRoll", 1)
 
 
 # -- torque ---------------------------------------------------------------------------------------------------------
@@ -494,7 +496,9 @@ def test_a_contact_ends_when_its_joint_goes_blind() -> None:
     _, events = run(fusion_observer(), made)
     [end] = [event for event in events if event.id == 1 and event.phase == "end"]
     assert end.time == pytest.approx(200 * CYCLE)
-    assert end.torque is None
+    # The last torque that was known, as of its force.
+    assert (end.joint, end.direction) == ("LElbowRoll", 1)
+    assert end.torque == pytest.approx(6.0, abs=0.5)
 
 
 def test_joints_without_a_model_stay_blind() -> None:

@@ -181,7 +181,7 @@ def begins(ratio: float, push: bool, *, confirmation: bool = True) -> list[Conta
 def test_a_weak_touch_on_a_limb_that_moves_the_base_is_found_on_the_limb() -> None:
     assert begins(0.7, push=False) == []
     [found] = begins(0.7, push=True)
-    assert (found.limb, found.joint) == ("left_arm", "LElbowRoll")
+    assert (found.limb, found.link) == ("left_arm", "LForeArm")
     [without] = begins(0.7, push=True, confirmation=False)
     assert without.limb == "trunk"
     # One that hardly shows on the limb is one on the base.
