@@ -14,7 +14,12 @@ from pepper_driver.config import ObserverSettings, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_selector import Kind
 from pepper_driver.config.robot import TRUNK
-from pepper_driver.observer.constants import PUSH_TICKS, RELATIVE_RATIO, REPORT_DELAY
+from pepper_driver.observer.constants import (
+    PUSH_TICKS,
+    RELATIVE_RATIO,
+    REPORT_DELAY,
+    SETTLING_TICKS,
+)
 from pepper_driver.observer.detection.contact_force import ContactForce, ForceEstimator
 from pepper_driver.observer.detection.excursions import (
     TIME_TOLERANCE,
@@ -143,7 +148,8 @@ class BodyTracker:
         self._limbs: dict[str, _Limb] = {}
         for name, chain in robot.limbs.items():
             joints = [robot.joint_index(joint) for joint in chain]
-            monitors = [JointMonitor(j, settings, onset, settles=True) for j in joints]
+            settling = SETTLING_TICKS * robot.cycle
+            monitors = [JointMonitor(j, settings, onset, settling_time=settling) for j in joints]
             self._limbs[name] = _Limb(joints, monitors)
         # The wheels are the innermost joint of the trunk: their residual counts as that of one joint more.
         wheels = len(self._names)
@@ -284,7 +290,10 @@ class BodyTracker:
             changed = self._revise(limb, contact, touching or over, time)
         else:
             if contact.fall_time is None:
-                contact.fall_time = time
+                # A joint that friction holds was let go before.
+                falls = [m.fall_time for m in limb.monitors if m.settled]
+                falls += [e.fall_time for e in live if e.fall_time is not None]
+                contact.fall_time = max(falls, default=time)
             if not live:
                 self._end(limb, contact, contact.fall_time, time, events)
                 return
@@ -319,8 +328,8 @@ class BodyTracker:
 
     def _torque(self, contact: BodyContact) -> tuple[float | None, float | None]:
         """Return torque on the joint and its standard deviation [N m], both None if unknown."""
-        if contact.force is not None:
-            return contact.force.torque, contact.force.torque_std
+        if contact.force is not None and contact.joint is not None:
+            return contact.force.torques.get(contact.joint, (None, None))
         if contact.joint is not None:
             torque = float(self._residuals.torque[contact.joint])
             std = float(self._residuals.torque_std[contact.joint])
@@ -438,11 +447,13 @@ class BodyTracker:
             joint = self._robot.joints[excursion.joint]
             contact.limb, contact.link = self._robot.limb_of(joint.name), joint.child
             contact.limb_known = True
-            contact.fit_time = None
             self._fit_force(contact, time)
+            if contact.force is not None:
+                contact.joint = contact.force.joint
+                contact.sign = -1 if contact.force.torques[contact.joint][0] > 0.0 else 1
 
     def _fit_force(self, contact: BodyContact, time: float) -> None:
-        """Fit a force to the torques of this tick, which names the joint."""
+        """Fit a force to the torques of this tick."""
         if contact.limb == TRUNK or contact.kind == "rebound" or contact.fit_time == time:
             return
         contact.fit_time = time
@@ -458,11 +469,6 @@ class BodyTracker:
         )
         if force is not None:
             contact.force = force
-        if contact.force is not None:
-            contact.joint, contact.sign = (
-                contact.force.joint,
-                -1 if contact.force.torque > 0.0 else 1,
-            )
 
     def _report(
         self, contact: BodyContact, phase: Phase, time: float, events: list[Contact]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -50,9 +49,8 @@ class ContactForce:
         point: (3,) on the axis of its link [m].
         point_covariance: (3, 3) [m2].
         scale_known: True if a known weight has shown the scale of all torques that it is fitted to.
-        joint: Joint on which its torque is largest, by its index.
-        torque: That torque, signed [N m].
-        torque_std: Its standard deviation [N m].
+        torques: By index of a joint that it is fitted to, its torque there, signed [N m], and the standard deviation.
+            Where no force explains the torques, those that were measured.
     """
 
     vector: FloatArray
@@ -61,9 +59,12 @@ class ContactForce:
     point: FloatArray
     point_covariance: FloatArray
     scale_known: bool
-    joint: int
-    torque: float
-    torque_std: float
+    torques: dict[int, tuple[float, float]]
+
+    @property
+    def joint(self) -> int:
+        """Index of the joint on which its torque is largest."""
+        return max(self.torques, key=lambda joint: abs(self.torques[joint][0]))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -151,16 +152,10 @@ class ForceEstimator:
             # No force at one place explains these torques: they are less certain than they seem.
             fits = fit_forces(levers, measured, excess * variance, radius)
         force = self._average(fits, points, radius, spacing, levers, joints)
-        if excess <= 1.0:
-            return force
-        # Then the largest torque that was measured counts, and not that of the force.
-        largest = int(np.argmax(np.abs(measured)))
-        return replace(
-            force,
-            joint=joints[largest],
-            torque=float(measured[largest]),
-            torque_std=float(torque_std[joints[largest]]),
-        )
+        if excess > 1.0:
+            found = zip(measured.tolist(), torque_std[joints].tolist(), strict=True)
+            force = replace(force, torques=dict(zip(joints, found, strict=True)))
+        return force
 
     def _average(
         self,
@@ -184,7 +179,8 @@ class ForceEstimator:
             (levers @ fits.mean[..., None])[..., 0],
             levers @ fits.covariance @ levers.transpose(0, 2, 1),
         )
-        largest = int(np.argmax(np.abs(torque)))
+        torque_std = np.sqrt(np.diagonal(torque_covariance))
+        found = zip(torque.tolist(), torque_std.tolist(), strict=True)
         return ContactForce(
             vector=mean * (middle / length) if length > 0.0 else mean,
             covariance=covariance,
@@ -192,9 +188,7 @@ class ForceEstimator:
             point=point,
             point_covariance=point_covariance,
             scale_known=bool(self._scale.known[joints].all()),
-            joint=joints[largest],
-            torque=float(torque[largest]),
-            torque_std=math.sqrt(torque_covariance[largest, largest]),
+            torques=dict(zip(joints, found, strict=True)),
         )
 
     def _sizes(self, fits: ForceFits) -> tuple[float, float, float]:

@@ -143,26 +143,33 @@ class JointMonitor:
       ``rebound_window`` becomes a contact: a person holds the joint. In simulation four of five rebounds are shorter,
       and a missed touch is worse than a reported rebound.
     - BLIND: the residual is NaN. An excursion ends at once, and the next one is no rebound.
-    An excursion also ends when the residual is constant within the friction band, below STUCK_RATIO of its peak or for
-    CORRECTION_TIME, if the observer can reset its model to the measured position. Beyond the friction band a constant
-    residual is a hand.
+    An excursion also ends when the residual is constant within the friction band, below STUCK_RATIO of its peak for
+    ``settling_time``, or for CORRECTION_TIME, if the observer can reset its model to the measured position. Beyond the
+    friction band a constant residual is a hand.
 
     Args:
         joint: Index of the joint.
         settings: Merge gap and rebound window.
         onset: Function that gives the time when an excursion began.
-        settles: True if the observer can reset the model of the joint.
+        settling_time: In which a joint that was let go settles [s]; None if the observer cannot reset its model.
 
     Attributes:
         excursion: The present one, or None.
         settled: True if one has ended in this tick.
+        fall_time: When the previous one ended [s].
     """
 
     def __init__(
-        self, joint: int, settings: ObserverSettings, onset: Onset, *, settles: bool = False
+        self,
+        joint: int,
+        settings: ObserverSettings,
+        onset: Onset,
+        *,
+        settling_time: float | None = None,
     ) -> None:
         self._joint = joint
-        self._settles = settles
+        self._settles = settling_time is not None
+        self._settling_time = (settling_time or 0.0) + TIME_TOLERANCE
         self._constant_since: float | None = None
         self._lowest = self._highest = 0.0
         self.settled = False
@@ -170,7 +177,7 @@ class JointMonitor:
         self._rebound_window = settings.rebound_window + TIME_TOLERANCE
         self._onset = onset
         self._previous_sign = 0
-        self._previous_fall = 0.0
+        self.fall_time = 0.0
         self.excursion: Excursion | None = None
 
     def step(self, time: float, residual: float, threshold: float, band: float = 0.0) -> JointState:
@@ -193,7 +200,7 @@ class JointMonitor:
             and self._stuck(current, time, residual, threshold, band)
         ):
             # The hand left when the residual became constant.
-            self._end(current, time - self._merge_gap)
+            self._end(current, time - self._settling_time)
             return JointState.RELEASE
         if (
             current is not None
@@ -226,9 +233,7 @@ class JointMonitor:
         return self.excursion is None
 
     def _begin(self, time: float, sign: int, threshold: float) -> Excursion:
-        swings_back = (
-            self._previous_sign == -sign and time - self._previous_fall <= self._rebound_window
-        )
+        swings_back = self._previous_sign == -sign and time - self.fall_time <= self._rebound_window
         self.excursion = Excursion(
             joint=self._joint,
             sign=sign,
@@ -240,7 +245,7 @@ class JointMonitor:
         return self.excursion
 
     def _end(self, excursion: Excursion, fall_time: float) -> None:
-        self._previous_sign, self._previous_fall = excursion.sign, fall_time
+        self._previous_sign, self.fall_time = excursion.sign, fall_time
         self.excursion = None
         self._constant_since = None
         self.settled = True
@@ -262,7 +267,7 @@ class JointMonitor:
             return False
         constant_time = time - self._constant_since + TIME_TOLERANCE
         fallen = abs(residual) < STUCK_RATIO * current.peak
-        return constant_time >= (self._merge_gap if fallen else CORRECTION_TIME)
+        return constant_time >= (self._settling_time if fallen else CORRECTION_TIME)
 
     def reset(self) -> None:
         """Forget everything."""

@@ -43,6 +43,9 @@ FIRST, LAST = (math.ceil(span / CYCLE) for span in REISOLATION_TIMES)
 BEFORE_LAST = math.floor(REISOLATION_TIMES[-1] / CYCLE) - 1
 
 
+PITCH_AND_ROLL = [ROBOT.joint_index(name) for name in ("LShoulderPitch", "LShoulderRoll")]
+
+
 class NoForces:
     """Estimate of a limb whose joints show no force."""
 
@@ -164,7 +167,7 @@ def test_a_force_names_the_joint_and_not_the_link() -> None:
         """On the left arm, of which the elbow shows most and the shoulder carries most."""
 
         asked: ClassVar[list[str]] = []
-        torque = 5.0
+        torque: tuple[float, float] = (5.0, 1.0)
 
         def estimate(self, limb: str, *values: object) -> ContactForce:
             self.asked.append(limb)
@@ -175,27 +178,32 @@ def test_a_force_names_the_joint_and_not_the_link() -> None:
                 point=np.zeros(3),
                 point_covariance=np.eye(3),
                 scale_known=False,
-                joint=ROBOT.joint_index("LShoulderPitch"),
-                torque=self.torque,
-                torque_std=0.5,
+                torques=dict(zip(PITCH_AND_ROLL, ((t, 0.5) for t in self.torque), strict=True)),
             )
 
     forces = Force()
     player = Player(cast(ForceEstimator, forces))
     events = player.play(1, LElbowRoll=2.0)
-    forces.torque = -4.0
-    events += player.play(FIRST, LElbowRoll=2.0) + player.play(QUIET)
-    assert [e.phase for e in events] == ["begin", "update", "end"]
-    assert {(e.joint, e.link) for e in events} == {("LShoulderPitch", "LForeArm")}
-    assert [(e.torque, e.torque_std, e.direction) for e in events] == [
-        (5.0, 0.5, 1),
-        (-4.0, 0.5, -1),
-        (-4.0, 0.5, -1),
+    forces.torque = (-4.0, 1.0)  # looked at again
+    events += player.play(FIRST, LElbowRoll=2.0)
+    forces.torque = (-3.0, 6.0)
+    events += player.play(LAST - FIRST, LElbowRoll=2.0)
+    forces.torque = (7.0, 8.0)  # later the joint stays
+    events += player.play(PERIOD, LElbowRoll=4.0) + player.play(QUIET)
+    assert [e.phase for e in events] == ["begin", "update", "update", "update", "end"]
+    assert {e.link for e in events} == {"LForeArm"}
+    assert [(e.joint, e.torque, e.direction) for e in events] == [
+        ("LShoulderPitch", 5.0, 1),
+        ("LShoulderPitch", -4.0, -1),
+        ("LShoulderRoll", 6.0, 1),
+        ("LShoulderRoll", 8.0, 1),
+        ("LShoulderRoll", 8.0, 1),
     ]
+    assert {e.torque_std for e in events} == {0.5}
     assert {e.force for e in events} == {(0.0, 0.0, 9.0)}
     elbow = THRESHOLDS[ROBOT.joint_index("LElbowRoll")]
     assert events[0].intensity_deg == pytest.approx(math.degrees(2.0 * elbow))
-    assert forces.asked == ["left_arm"] * 2, "not of an end"
+    assert forces.asked == ["left_arm"] * 4, "not of an end"
 
 
 def test_after_the_last_revision_it_stays() -> None:

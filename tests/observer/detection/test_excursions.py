@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pepper_driver.observer.constants import CORRECTION_TIME
+from pepper_driver.observer.constants import CORRECTION_TIME, SETTLING_TICKS
 from pepper_driver.observer.detection.excursions import JointMonitor
 from pepper_driver.observer.interface import JointState
 from support.observer import CYCLE, SETTINGS, THRESHOLD
@@ -19,6 +19,7 @@ FREE, CONTACT, RELEASE, REBOUND, BLIND = (
     JointState.BLIND,
 )
 GAP = round(SETTINGS.merge_gap / CYCLE)
+SETTLING_TIME = SETTLING_TICKS * CYCLE
 WINDOW = int(SETTINGS.rebound_window / CYCLE)
 
 
@@ -159,7 +160,7 @@ def test_values_under_the_threshold_change_nothing(rows: list[tuple[bool, float,
 
 
 BAND = 2.5 * THRESHOLD
-STUCK = GAP
+STUCK = round(SETTLING_TIME / CYCLE)
 LONGEST = math.ceil(CORRECTION_TIME / CYCLE)
 
 
@@ -167,7 +168,9 @@ class Settler:
     """A monitor of a joint whose model can be reset; residuals and bands as multiples of the threshold."""
 
     def __init__(self) -> None:
-        self.joint = JointMonitor(3, SETTINGS, lambda joint, sign, threshold: -1.0, settles=True)
+        self.joint = JointMonitor(
+            3, SETTINGS, lambda joint, sign, threshold: -1.0, settling_time=SETTLING_TIME
+        )
         self.k = 0
         self.settled: list[int] = []
 
@@ -214,7 +217,7 @@ def test_one_that_never_fell_is_released_later() -> None:
 
 def test_time_and_fraction_of_friction() -> None:
     """Merge gap below 0.85 of the peak, or the time in which models follow."""
-    for value, wait in ((3.3, SETTINGS.merge_gap), (3.5, CORRECTION_TIME)):
+    for value, wait in ((3.3, SETTLING_TIME), (3.5, CORRECTION_TIME)):
         player = Settler()
         player.play(4.0, 20, 5.0 * THRESHOLD)
         states = player.play(value, 140, 5.0 * THRESHOLD)
@@ -274,7 +277,9 @@ def test_a_blind_tick_begins_the_wait_again() -> None:
 
 
 def settler() -> JointMonitor:
-    return JointMonitor(0, SETTINGS, lambda joint, sign, threshold: -1.0, settles=True)
+    return JointMonitor(
+        0, SETTINGS, lambda joint, sign, threshold: -1.0, settling_time=SETTLING_TIME
+    )
 
 
 def stuck(peak: float, values: tuple[float, float], band: float) -> bool:
