@@ -33,7 +33,8 @@ MAX_CHANGE = 2.0
 """Factor by which the spread of today is at most larger than as identified, and at most smaller."""
 
 QUIET_RATIO = 0.5
-"""Fraction of a threshold below which a residual is used for learning, and a touch is over."""
+"""Fraction of a threshold below which a residual is used for learning, and a touch is over; of the largest ratio of
+residual and threshold in a limb, below which the contact only shakes a joint."""
 
 UNSURE_FACTOR = 2.0
 """On a threshold that does not hold now: while the safety gate alters the command, and in doubt."""
@@ -100,9 +101,6 @@ ANSWER_TICKS = 3
 STUCK_RATIO = 0.85
 """Fraction of its peak below which a constant residual within the friction band is not a hand: the hand has left, and
 friction holds the joint away from its target. It is constant while it varies by less than the rest of its threshold."""
-
-RELATIVE_RATIO = 0.35
-"""Fraction of the largest ratio of residual and threshold in a limb: the contact only shakes joints below it."""
 
 REPORT_DELAY = 0.1
 """[s] The base often detects a push on a limb first, and the limb detects it within this time."""

@@ -16,7 +16,7 @@ from pepper_driver.config.contact_selector import Kind
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.observer.constants import (
     PUSH_TICKS,
-    RELATIVE_RATIO,
+    QUIET_RATIO,
     REPORT_DELAY,
     SETTLING_TICKS,
 )
@@ -109,7 +109,7 @@ class BodyTracker:
     """Tracker of contacts on the whole body: one at a time on each limb, and one on the trunk.
 
     - On a limb, a contact is on the link of the last joint whose largest ratio of residual and threshold exceeds 1 and
-      RELATIVE_RATIO of the limb's largest. The last PUSH_TICKS ticks count. Joints beyond the contact are shaken, but
+      QUIET_RATIO of the limb's largest. The last PUSH_TICKS ticks count. Joints beyond the contact are shaken, but
       less. The link is determined at the detection and again REISOLATION_TIMES later. Then it changes only if the
       joint becomes blind.
     - The joint that is named is the one on which the force of the contact has the largest torque: friction may hide
@@ -422,7 +422,7 @@ class BodyTracker:
     ) -> None:
         """Determine joint and link of a contact."""
         peaks = [max(column) for column in zip(*limb.ratios, strict=True)]
-        bound = RELATIVE_RATIO * max(peaks)
+        bound = QUIET_RATIO * max(peaks)
         if limb is not self._trunk:
             bound = max(1.0, bound)
         by_joint = {excursion.joint: excursion for excursion in over}

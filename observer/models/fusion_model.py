@@ -11,7 +11,7 @@ from pydantic import ConfigDict, Field
 from pepper_driver.config import PepperError
 from pepper_driver.config.loading import STRICT
 from pepper_driver.observer.models.stick_slip import StickSlipParameters
-from pepper_driver.observer.models.tree import AffineTree
+from pepper_driver.observer.models.tree import AffineTree, Triple
 
 OUTPUTS = ("vx", "vy", "wz", "yaw rate", "ax", "ay")
 """Of the base: twist by the wheels [m/s], [m/s], [rad/s]; by the inertial unit [rad/s], [m/s2], [m/s2]."""
@@ -98,9 +98,6 @@ class MomentumParameters:
             raise MomentumError("a parameter is not finite")
         if self.source == "current" and self.torque_per_ampere <= 0.0:
             raise MomentumError("'torque_per_ampere' of a current must be above 0")
-
-
-Triple = tuple[float, float, float]
 
 
 class FusionModelError(PepperError, ValueError):

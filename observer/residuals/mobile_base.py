@@ -36,8 +36,8 @@ from pepper_driver.observer.running_filters import RunningMedian
 FROZEN_TICKS = 2
 """From which on values that the inertial unit repeats count as missing: the filter takes out fewer."""
 
-DRIVING = 3
-"""Phase in which the base drives."""
+STILL, MOVING, SHAKING, DRIVING = range(4)
+"""Phases of the base: neither it nor joints move; joints move; they shake it; it drives."""
 
 MIN_SPREADS = np.array([0.0005, 0.0005, 0.002, 0.0005, 0.005, 0.005])
 """Smallest spread of each output: a step of its sensor."""
@@ -188,8 +188,7 @@ class BaseGenerator:
     Attributes:
         filtered: (6,) residuals of the outputs after the filter.
         seen: (6,) outputs that were measured.
-        phase: 0 while neither base nor joints move, 1 while joints move, 2 while they shake the base, DRIVING while the
-            base drives.
+        phase: STILL, MOVING, SHAKING or DRIVING.
     """
 
     def __init__(
@@ -272,9 +271,9 @@ class BaseGenerator:
         if self._standing_ticks < self._standing_delay:
             self.phase = DRIVING
         elif self._smooth_ticks < TAPS:
-            self.phase = 2
+            self.phase = SHAKING
         else:
-            self.phase = int(self._still_ticks < TAPS)
+            self.phase = MOVING if self._still_ticks < TAPS else STILL
         if self._blind:
             self._blind -= 1
             return np.nan, np.nan

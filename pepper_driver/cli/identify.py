@@ -154,8 +154,8 @@ def _print_sensitivities(console: Console, result: Identification) -> None:
         )
     console.print(table)
     console.print(
-        f"deg, N m: median threshold; N: force across the lever that reaches it in the posture {POSTURE}; friction may "
-        "hide more of a joint that rests"
+        f"deg, N m: median threshold in motion that lasts; N: force across the lever that reaches it in the posture "
+        f"{POSTURE}; friction may hide more of a joint that rests"
     )
 
 

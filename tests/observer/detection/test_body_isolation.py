@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.config.robot import TRUNK
-from pepper_driver.observer.constants import PUSH_TICKS, RELATIVE_RATIO, REPORT_DELAY
+from pepper_driver.observer.constants import PUSH_TICKS, QUIET_RATIO, REPORT_DELAY
 from pepper_driver.observer.detection.body_isolation import (
     BASE_LINK,
     COLLISION_TIME,
@@ -130,7 +130,7 @@ def test_a_touch_on_one_joint() -> None:
 
 
 def test_joints_beyond_the_hand_are_shaken_but_less() -> None:
-    weak, strong = 0.8 * RELATIVE_RATIO * 10.0, 1.2 * RELATIVE_RATIO * 10.0
+    weak, strong = 0.8 * QUIET_RATIO * 10.0, 1.2 * QUIET_RATIO * 10.0
     assert weak > 1.0
     events = Player().play(1, LShoulderRoll=10.0, LWristYaw=weak)
     assert story(events) == [(1, "begin", "LShoulderRoll")]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.observer.constants import MIN_SPREAD
+from pepper_driver.observer.constants import MIN_SPREAD, SETTLING_TICKS
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.detection.threshold import REST, SLIDING
 from pepper_driver.observer.fitting.bounds import MOMENTUM_FACTOR, fit_spreads, free_residual
@@ -93,8 +93,17 @@ MEDIAN_QUANTILE = 0.536 * 2.5758
 """Quantile 0.99 of the size of a median of five standard normal numbers."""
 
 
-def noisy(rest: float, motion: float, seconds: float = 30.0, share: float = 0.5) -> Recording:
-    """A run that rests, then goes to and fro; the joint is where it belongs, but for the noise of its encoder."""
+def noisy(
+    rest: float,
+    motion: float,
+    seconds: float = 30.0,
+    share: float = 0.5,
+    reversal: float | None = None,
+) -> Recording:
+    """A run that rests, then goes to and fro; the joint is where it belongs, but for the noise of its encoder.
+
+    ``reversal`` is the noise in the first third of a second after the joint has turned.
+    """
     nothing = standing(seconds)
     moves = np.arange(len(nothing)) >= share * len(nothing)
     to_and_fro = 0.5 * np.sign(np.sin(np.pi * np.arange(len(nothing)) * CYCLE))
@@ -103,7 +112,12 @@ def noisy(rest: float, motion: float, seconds: float = 30.0, share: float = 0.5)
     run = recording_of(made, drive(made, steps=20))
     position = run.position.copy()
     noise = np.random.default_rng(8).standard_normal(len(run))
-    position[:, ELBOW] += np.where(moves, motion, rest) * noise
+    size = np.where(moves, motion, rest)
+    if reversal is not None:
+        turned = np.flatnonzero(np.diff(velocity))
+        after = turned[:, None] + np.arange(3, 3 + SETTLING_TICKS)
+        size[after[after < len(run)]] = reversal
+    position[:, ELBOW] += size * noise
     return replace(run, position=position)
 
 
@@ -117,6 +131,17 @@ def spreads(*calibration: Recording, model: FusionModel = BY_POSITION) -> FloatA
 def test_spreads_are_the_quantiles_of_the_residual_by_phase() -> None:
     found = spreads(noisy(0.004, 0.01, seconds=200.0))
     np.testing.assert_allclose(found, MEDIAN_QUANTILE * np.array([0.004, 0.01, 0.01]), rtol=0.1)
+
+
+def test_a_joint_that_breaks_away_roughly_has_a_spread_for_that_alone() -> None:
+    found = spreads(noisy(0.004, 0.005, seconds=200.0, reversal=0.02))
+    np.testing.assert_allclose(found, MEDIAN_QUANTILE * np.array([0.004, 0.02, 0.005]), rtol=0.15)
+
+
+def test_a_phase_that_was_hardly_seen_has_the_largest_spread_of_the_others() -> None:
+    found = spreads(noisy(0.004, 0.005, share=0.9, seconds=60.0, reversal=0.02))
+    np.testing.assert_allclose(found[0], MEDIAN_QUANTILE * 0.004, rtol=0.15)
+    assert (found[1:] == found[0]).all()
 
 
 @pytest.mark.parametrize(("share", "size"), [(1.0, 0.004), (0.0, 0.01), (0.1, 0.01), (0.9, 0.004)])

@@ -32,7 +32,14 @@ from pepper_driver.observer.models.fusion_model import (
     Six,
 )
 from pepper_driver.observer.recording import Recording, RecordingBuilder
-from pepper_driver.observer.residuals.mobile_base import DRIVING, MIN_SPREADS, BaseGenerator
+from pepper_driver.observer.residuals.mobile_base import (
+    DRIVING,
+    MIN_SPREADS,
+    MOVING,
+    SHAKING,
+    STILL,
+    BaseGenerator,
+)
 from support.observer import CYCLE, JOINTS, ROBOT, tick
 
 WINDOW = 5
@@ -311,7 +318,7 @@ def test_the_spread_of_a_base_that_drives_stays_until_it_stands() -> None:
     after = stop + TAPS + SETTLING_TICKS
     assert seen[after - 3, 0] == pytest.approx(0.5)
     assert seen[after + 2, 0] == pytest.approx(5.0)
-    assert signal.phase == 0
+    assert signal.phase == STILL
 
 
 @pytest.mark.parametrize(
@@ -339,7 +346,7 @@ def test_the_spread_of_joints_that_move_or_shake_stays_for_a_response(
     np.testing.assert_allclose(ratio[after:], 5.0, rtol=1e-2)
 
 
-@pytest.mark.parametrize("phase", [0, 1, 2, DRIVING])
+@pytest.mark.parametrize("phase", [STILL, MOVING, SHAKING, DRIVING])
 def test_spreads_of_today_are_learned_in_their_phase(phase: int) -> None:
     """With a residual that is mostly beyond the spread."""
     spread, n = 0.01, 2000
@@ -347,14 +354,15 @@ def test_spreads_of_today_are_learned_in_their_phase(phase: int) -> None:
     outputs[:, 0] = np.where(np.arange(n) % 20 < 14, 0.04, 0.0)
     made = standing(n, outputs)
     for one in made:
-        one.reference.velocity[:] = 2.0 * ROCKING_SPEED if phase == 1 else 0.0
-        one.reference.acceleration[:] = SHAKING_ACCELERATION if phase == 2 else 0.0
+        one.reference.velocity[:] = 2.0 * ROCKING_SPEED if phase == MOVING else 0.0
+        one.reference.acceleration[:] = SHAKING_ACCELERATION if phase == SHAKING else 0.0
         one.sent.wheel_speed[:] = MATRIX @ np.array([0.01, 0.0, 0.0]) if phase == DRIVING else 0.0
     for adapt in (True, False):
         signal = generator(still_model(spread, spread, spread, spread), adapt=adapt)
         for one in made:
             signal.step(one, False)
             signal.learn()
+        assert signal.phase == phase
         [push] = standing(1, np.array([[0.05, 0.0, 0.0, 0.0, 0.0, 0.0]]))
         push.reference.velocity[:] = made[0].reference.velocity
         push.reference.acceleration[:] = made[0].reference.acceleration
@@ -364,7 +372,7 @@ def test_spreads_of_today_are_learned_in_their_phase(phase: int) -> None:
         # Another phase has not changed.
         moves = {"velocity": np.full(JOINTS, 1.0), "acceleration": np.zeros(JOINTS)}
         other = replace(push, reference=replace(push.reference, **moves))
-        if phase != 1:
+        if phase != MOVING:
             other.sent.wheel_speed[:] = 0.0
             for _ in range(100):
                 away = abs(signal.step(other, False)[0])
