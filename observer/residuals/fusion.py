@@ -376,7 +376,14 @@ class FusionGenerator:
             velocity, acceleration = _zero_invalid(velocity), _zero_invalid(acceleration)
             current = _zero_invalid(current)
         if self._loads is not None:
-            self._loads.step(target, velocity, acceleration, good | self.no_model)
+            if count < n:  # a limp arm hangs elsewhere than its command
+                self._loads.step(
+                    np.where(good, target, measured),
+                    np.where(good, velocity, 0.0),
+                    np.where(good, acceleration, 0.0),
+                )
+            else:
+                self._loads.step(target, velocity, acceleration)
             load_torque = load_torque + self._loads.torque
         self._predictor.step(target, load_torque, velocity, acceleration, measured)
         # A late sample is the response to an older command.

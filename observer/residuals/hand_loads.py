@@ -40,7 +40,6 @@ class _Arm:
         covariance: (4, 4) the same now.
         load: (4,) m and m c.
         effect: (m, 4) load torque of the joints per m and m c.
-        valid: True while the values of all its joints are.
     """
 
     name: str
@@ -50,7 +49,6 @@ class _Arm:
     covariance: FloatArray
     load: FloatArray
     effect: FloatArray
-    valid: bool = False
 
 
 class HandLoads:
@@ -94,7 +92,7 @@ class HandLoads:
         """Return to loads that are not known."""
         for arm in self._arms:
             arm.covariance, arm.load = arm.prior, np.zeros(4)
-            arm.effect, arm.valid = np.zeros_like(arm.effect), False
+            arm.effect = np.zeros_like(arm.effect)
         self.torque, self.doubt = np.zeros(len(self._gain)), np.zeros(len(self._gain))
         self._ticks = 0
 
@@ -113,25 +111,21 @@ class HandLoads:
         position: FloatArray,
         velocity: FloatArray,
         acceleration: FloatArray,
-        valid: BoolArray,
     ) -> None:
-        """Take in one tick; an arm with a joint that is not valid keeps its torques.
+        """Take in one tick.
 
         Args:
-            position: (n,) commanded [rad].
+            position: (n,) commanded, or measured of joints that do not follow [rad].
             velocity: (n,) desired [rad/s].
             acceleration: (n,) desired [rad/s2].
-            valid: (n,) joints whose values are.
         """
         self._ticks += 1
         if self._ticks % PERIOD != 0:
             return
         effects = self._model.body_torques(self._wrists, position, velocity, acceleration)
         for arm, effect in zip(self._arms, effects, strict=True):
-            arm.valid = bool(valid[arm.joints].all())
-            if arm.valid:
-                arm.effect = effect[arm.joints]
-                self._apply(arm)
+            arm.effect = effect[arm.joints]
+            self._apply(arm)
 
     def _apply(self, arm: _Arm) -> None:
         """Compute torque and doubt of the joints of an arm."""
@@ -153,7 +147,7 @@ class HandLoads:
         arm = self._arms[self._ticks // PERIOD % len(self._arms)]
         used = use[arm.joints]
         joints = arm.joints[used]
-        if not arm.valid or not len(joints):
+        if not len(joints):
             return
         effect = self._gain[joints, None] * arm.effect[used]
         noise = threshold[joints]
