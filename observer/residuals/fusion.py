@@ -420,7 +420,11 @@ class FusionGenerator:
         base = (np.nan, np.nan)
         if self._base is not None:
             base = self._base.step(tick, late_ticks > 0, lost, falls_behind)
-            threshold *= self._confirmation(base[1])
+            if self._confirms(base[1]):
+                # What shakes the base shakes all limbs a little: the one that shows most of it.
+                ratio = np.where(self._limbs > 0, np.abs(filtered) / threshold, 0.0)
+                limb = self._limbs[np.argmax(np.where(blind, 0.0, ratio))]
+                threshold[self._limbs == limb] *= CONFIRMING_RATIO
         self._join_limbs(self._limbs, self._limb_count, filtered, threshold)
         self._follow_hands(both, threshold, self._hands, filtered)
         torque, torque_std = self._torque.step(
@@ -453,8 +457,8 @@ class FusionGenerator:
             detail=_Detail(prediction, measured, limited, alone),
         )
 
-    def _confirmation(self, base_residual: float) -> float:
-        """Return the factor on thresholds of limbs that a push on the base makes."""
+    def _confirms(self, base_residual: float) -> bool:
+        """Return True while a push on the base confirms one on a limb."""
         if abs(base_residual) > 1.0:
             # A hand that lets go shakes the base as well.
             if self._base_quiet >= PUSH_TICKS and self._untouched:
@@ -463,9 +467,9 @@ class FusionGenerator:
         else:
             self._base_quiet += 1
         if not self._confirming or not self._parts.confirmation:
-            return 1.0
+            return False
         self._confirming -= 1
-        return CONFIRMING_RATIO
+        return True
 
     def _doubtful(
         self, model: FloatArray, residual: FloatArray, threshold: FloatArray, blind: BoolArray

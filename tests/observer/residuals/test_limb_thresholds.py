@@ -138,11 +138,12 @@ def thresholds(pushes: list[bool], *, parts: FusionParts | None = None) -> Float
     """Threshold over that of the joint alone, by tick, of the elbow; the base is pushed in some of the ticks."""
     observer = fusion_observer(base=BASE, parts=parts)
     for k in range(BEFORE):
-        observer.step(touched(k))
+        observer.step(touched(k, LElbowRoll=0.1 if k >= BEFORE - WINDOW else 0.0))
     found = []
     for k, push in enumerate(pushes):
-        seen = observer.step(touched(BEFORE + k, base=push))
-        assert np.ptp(seen.threshold) < 1e-15
+        seen = observer.step(touched(BEFORE + k, base=push, LElbowRoll=0.1))
+        # Only the limb that shows most.
+        assert seen.threshold[ROBOT.joint_index("RElbowRoll")] == pytest.approx(BOUND)
         found.append(seen.threshold[ELBOW] / BOUND)
     return np.array(found)
 
@@ -176,6 +177,16 @@ def begins(ratio: float, push: bool, *, confirmation: bool = True) -> list[Conta
         one = touched(k, base=push and now, **({"LElbowRoll": ratio} if now else {}))
         events += observer.step(one).contacts
     return [event for event in events if event.phase == "begin"]
+
+
+def test_the_base_confirms_the_limb_that_shows_most_and_no_other() -> None:
+    observer = fusion_observer(base=BASE)
+    events: list[Contact] = []
+    for k in range(BEFORE + 100):
+        now = BEFORE <= k < BEFORE + 60
+        both = {"LElbowRoll": 0.8, "RElbowRoll": 0.7} if now else {}
+        events += observer.step(touched(k, base=now, **both)).contacts
+    assert {event.limb for event in events} == {"left_arm"}
 
 
 def test_a_weak_touch_on_a_limb_that_moves_the_base_is_found_on_the_limb() -> None:
