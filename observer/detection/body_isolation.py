@@ -219,7 +219,7 @@ class BodyTracker:
                 ratios.append(ratio if ratio == ratio else 0.0)  # 0 for NaN
                 # Most joints: a step would change nothing. NaN compares as False.
                 if size <= threshold[joint] and monitor.idle:
-                    states[joint] = JointState.FREE
+                    states[joint], monitor.settled = JointState.FREE, False
                     continue
                 states[joint] = monitor.step(time, residual[joint], threshold[joint], band[joint])
                 ended[joint] = monitor.settled

@@ -206,6 +206,18 @@ def test_a_force_names_the_joint_and_not_the_link() -> None:
     assert forces.asked == ["left_arm"] * 4, "not of an end"
 
 
+def test_a_joint_that_ended_long_ago_says_nothing_of_the_end_of_another_one() -> None:
+    player = Player()
+    player.play(LAST + 5, LElbowRoll=3.0)
+    player.play(QUIET + 500)
+    second = player.k * CYCLE
+    events = player.play(LAST + 5, LShoulderRoll=3.0)
+    events += player.play(1, LShoulderRoll=math.nan)
+    assert events[0].phase == "begin"
+    assert (events[-1].phase, events[-1].kind) == ("end", events[-2].kind)
+    assert events[-1].time == pytest.approx(second + (LAST + 5) * CYCLE)
+
+
 def test_after_the_last_revision_it_stays() -> None:
     player = Player()
     player.play(LAST + 1, LShoulderRoll=5.0)
