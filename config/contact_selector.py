@@ -73,7 +73,7 @@ class ContactSelector:
         limb: Only contacts on one of these limbs; a name or a list of names, empty for any. Limbs are those of
             :attr:`RobotConfig.limbs`: ``left_arm``, ``right_arm``, ``head`` and ``trunk``, which includes the base.
         link: Only contacts on one of these links.
-        joint: Only contacts detected by one of these joints.
+        joint: Only contacts that turn one of these joints most. To choose a place, take ``link``.
         kind: Only this kind, once it is known. None takes all but rebounds, which are no touch.
         min_intensity_deg: Only contacts of at least this intensity [deg].
         min_torque: Only contacts whose estimated torque on their joint is at least this, in either direction [N m].
@@ -135,9 +135,9 @@ class ContactSelector:
         return limbs
 
     def __str__(self) -> str:
-        """Human-readable: ``collision on left_arm detected by LElbowRoll, 2 deg and more``."""
+        """Human-readable: ``collision on left_arm turning LElbowRoll, 2 deg and more``."""
         text: str = self.kind or "contact"
-        for word, names in (("on", self.limb), ("on", self.link), ("detected by", self.joint)):
+        for word, names in (("on", self.limb), ("on", self.link), ("turning", self.joint)):
             if names:
                 text += f" {word} {' or '.join(names)}"
         if self.min_intensity_deg:

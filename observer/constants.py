@@ -40,7 +40,7 @@ UNSURE_FACTOR = 2.0
 """On a threshold that does not hold now: while the safety gate alters the command, and in doubt."""
 
 CONFIRMING_RATIO = 0.55
-"""On the thresholds of limbs just after the base was pushed: one sign of touch confirms the other."""
+"""On the thresholds of the limb that shows most, just after the base was pushed: one sign confirms the other."""
 
 # -- times ------------------------------------------------------------------------------------------------------------
 

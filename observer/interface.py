@@ -41,10 +41,11 @@ class Contact:
         limb: ``left_arm``, ``right_arm``, ``head`` or ``trunk``, which includes the base.
         limb_known: False for a contact on the trunk in mode ``fusion``: one on a limb, whose line of force passes near
             the axes of its joints or that friction hides, shakes the base in the same way.
-        joint: The joint of the limb on which ``force`` has the largest torque; without a force, the last one of the
-            chain that detects the contact. None for trunk and base.
+        joint: The joint of the limb on which ``force`` has the largest torque, as of the detection or 50 or 150 ms
+            later. On a joint of a hand, and without a force, it is the last joint of the chain that detects the
+            contact. None for trunk and base.
         link: The link that the last joint of the chain that detects the contact carries.
-        direction: Sign of the external torque on the joint, in the joint's positive sense.
+        direction: Sign of the external torque on the joint then, in the joint's positive sense.
         intensity_deg: Largest size so far of the residual of the joint that carries ``link`` [deg]; 0 where only the
             wheels detect it.
         torque: External torque on the joint [N m], signed: that of ``force``; without a force, that of the joint alone.

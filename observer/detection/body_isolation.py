@@ -71,6 +71,7 @@ class BodyContact:
         self.driving = driving
         self.joint: int | None = None
         self.shown_by: int | None = None
+        self.shown_sign = 0
         self.link = ""
         self.sign = 0
         self.peak = 0.0
@@ -110,10 +111,10 @@ class BodyTracker:
 
     - On a limb, a contact is on the link of the last joint whose largest ratio of residual and threshold exceeds 1 and
       QUIET_RATIO of the limb's largest. The last PUSH_TICKS ticks count. Joints beyond the contact are shaken, but
-      less. The link is determined at the detection and again REISOLATION_TIMES later. Then it changes only if the
-      joint becomes blind.
+      less. The link is determined at the detection and again REISOLATION_TIMES later. Then it changes only when the
+      residual of its joint is over while another one lasts.
     - The joint that is named is the one on which the force of the contact has the largest torque: friction may hide
-      this torque. Where no force can be fitted it is the joint that carries the link.
+      this torque. It is the joint that carries the link on a joint of a hand, and where no force can be fitted.
     - The trunk carries the limbs. Residuals of its joints belong to the contact on a limb if that contact exists now,
       existed when they began, or ended at most ``rebound_window`` before. A touch that no joint of a limb shows
       shakes the trunk in the same way: the limb of a contact there is not known.
@@ -142,6 +143,7 @@ class BodyTracker:
     ) -> None:
         self._robot, self._forces = robot, forces
         self._names = robot.joint_names
+        self._hands = frozenset(robot.joint_index(name) for name in robot.hands.joints)
         self._collision = settings.collision_factor
         self._rebound_window = settings.rebound_window + TIME_TOLERANCE
         self._update_period = settings.update_period - TIME_TOLERANCE
@@ -328,8 +330,8 @@ class BodyTracker:
 
     def _torque(self, contact: BodyContact) -> tuple[float | None, float | None]:
         """Return torque on the joint and its standard deviation [N m], both None if unknown."""
-        if contact.force is not None and contact.joint is not None:
-            return contact.force.torques.get(contact.joint, (None, None))
+        if contact.force is not None and contact.joint in contact.force.torques:
+            return contact.force.torques[contact.joint]
         if contact.joint is not None:
             torque = float(self._residuals.torque[contact.joint])
             std = float(self._residuals.torque_std[contact.joint])
@@ -381,8 +383,8 @@ class BodyTracker:
             contact.kind == "contact"
             and last is not None
             and last.kind in ("push", "hold", "grip")
-            and last.sign == -contact.sign
-            and last.joint == contact.joint
+            and last.shown_sign == -contact.shown_sign
+            and last.shown_by == contact.shown_by
             and first - limb.last_end <= GRIP_TIME
         ):
             contact.kind = "grip"
@@ -433,7 +435,7 @@ class BodyTracker:
         ]
         place = places[-1] if places else limb.joints.index(over[-1].joint)
         excursion = by_joint.get(limb.joints[place], over[-1])
-        contact.sign = excursion.sign
+        contact.sign = contact.shown_sign = excursion.sign
         contact.peak = excursion.peak
         if excursion.kind == "collision" and contact.kind == "contact":
             contact.kind = "collision"
@@ -448,7 +450,7 @@ class BodyTracker:
             contact.limb, contact.link = self._robot.limb_of(joint.name), joint.child
             contact.limb_known = True
             self._fit_force(contact, time)
-            if contact.force is not None:
+            if contact.force is not None and excursion.joint not in self._hands:
                 contact.joint = contact.force.joint
                 contact.sign = -1 if contact.force.torques[contact.joint][0] > 0.0 else 1
 

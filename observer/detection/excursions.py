@@ -169,7 +169,7 @@ class JointMonitor:
     ) -> None:
         self._joint = joint
         self._settles = settling_time is not None
-        self._settling_time = (settling_time or 0.0) + TIME_TOLERANCE
+        self._settling_time = settling_time or 0.0
         self._constant_since: float | None = None
         self._lowest = self._highest = 0.0
         self.settled = False

@@ -304,7 +304,8 @@ class FusionGenerator:
         )
         self.bounds = self._threshold.bounds
         self._carries = _carries(n, limbs)
-        self._limbs = limbs if limbs is not None and parts.limbs else np.arange(n)
+        self._limb_numbers = np.arange(1, n + 1) if limbs is None else limbs
+        self._limbs = self._limb_numbers if parts.limbs else np.arange(n)
         self._limb_count = int(self._limbs.max()) + 1
         self._torque = TorqueEstimate(
             models,
@@ -376,14 +377,8 @@ class FusionGenerator:
             velocity, acceleration = _zero_invalid(velocity), _zero_invalid(acceleration)
             current = _zero_invalid(current)
         if self._loads is not None:
-            if count < n:  # a limp arm hangs elsewhere than its command
-                self._loads.step(
-                    np.where(good, target, measured),
-                    np.where(good, velocity, 0.0),
-                    np.where(good, acceleration, 0.0),
-                )
-            else:
-                self._loads.step(target, velocity, acceleration)
+            if not lost:
+                self._step_loads(self._loads, target, measured, velocity, acceleration, good)
             load_torque = load_torque + self._loads.torque
         self._predictor.step(target, load_torque, velocity, acceleration, measured)
         # A late sample is the response to an older command.
@@ -422,9 +417,11 @@ class FusionGenerator:
             base = self._base.step(tick, late_ticks > 0, lost, falls_behind)
             if self._confirms(base[1]):
                 # What shakes the base shakes all limbs a little: the one that shows most of it.
-                ratio = np.where(self._limbs > 0, np.abs(filtered) / threshold, 0.0)
-                limb = self._limbs[np.argmax(np.where(blind, 0.0, ratio))]
-                threshold[self._limbs == limb] *= CONFIRMING_RATIO
+                limbs = self._limb_numbers
+                ratio = np.where((limbs == 0) | blind, 0.0, np.abs(filtered) / threshold)
+                largest = np.argmax(ratio)
+                if ratio[largest] > 0.0:
+                    threshold[limbs == limbs[largest]] *= CONFIRMING_RATIO
         self._join_limbs(self._limbs, self._limb_count, filtered, threshold)
         self._follow_hands(both, threshold, self._hands, filtered)
         torque, torque_std = self._torque.step(
@@ -456,6 +453,21 @@ class FusionGenerator:
             base_drives=self._base is not None and self._base.drives,
             detail=_Detail(prediction, measured, limited, alone),
         )
+
+    @staticmethod
+    def _step_loads(
+        loads: HandLoads,
+        target: FloatArray,
+        measured: FloatArray,
+        velocity: FloatArray,
+        acceleration: FloatArray,
+        good: BoolArray,
+    ) -> None:
+        """Take a tick in: a limp joint hangs elsewhere than its command."""
+        if not good.all():
+            target = np.where(good, target, measured)
+            velocity, acceleration = np.where(good, (velocity, acceleration), 0.0)
+        loads.step(target, velocity, acceleration)
 
     def _confirms(self, base_residual: float) -> bool:
         """Return True while a push on the base confirms one on a limb."""
@@ -572,7 +584,10 @@ class FusionGenerator:
         assert isinstance(detail, _Detail)
         n, learns_bias = len(residual), self._adapt and self._parts.bias
         self._settle(settled, blind, detail.measured)
-        self._threshold.hold(~free)
+        touched = ~(free | blind)
+        if residuals.doubtful is not None:
+            touched &= ~residuals.doubtful
+        self._threshold.hold(touched)
         seen, resting = np.empty(n, np.bool_), np.empty(n, np.bool_)
         self._judge(
             residual,

@@ -156,7 +156,7 @@ def _print_timing(console: Console, summary: LogSummary) -> None:
 def _print_events(console: Console, summary: LogSummary) -> None:
     for name, counts in (
         ("contacts", summary.contacts),
-        ("detected by", summary.joints),
+        ("joints of contacts", summary.joints),
         ("reflexes", summary.reflexes),
     ):
         listed = ", ".join(f"{count} {of}" for of, count in counts.items())

@@ -96,9 +96,7 @@ def _print(console: Console, run: LoggedRun, found: Replayed, result: Comparison
 
 
 def _contacts(pairs: Sequence[MatchedPair[Contact]]) -> Table:
-    table = _table(
-        "contacts", ("detected by", "kind"), ("then s", "now s", "later ms", "deg", "now deg")
-    )
+    table = _table("contacts", ("joint", "kind"), ("then s", "now s", "later ms", "deg", "now deg"))
     for pair in pairs:
         then, now = pair.recorded, pair.found
         table.add_row(

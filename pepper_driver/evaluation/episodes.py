@@ -231,19 +231,19 @@ def _performed(run: SuiteRun, pepper: Pepper) -> Episode:
 def as_it_was(
     push: KnownPush, time: FloatArray, torque: FloatArray, stiffness: FloatArray, robot: RobotConfig
 ) -> KnownPush:
-    """Return a push with the largest torque that really acted: no joint is quite where it was planned for."""
-    if push.joint is None:
+    """Return a push with the largest torques that really acted: no joint is quite where it was planned for."""
+    during = torque[(time >= push.onset) & (time <= push.release + robot.cycle)]
+    if push.joint is None or not len(during):
         return push
+    peaks = np.take_along_axis(during, np.abs(during).argmax(axis=0)[None], axis=0)[0]
     index = robot.joint_index(push.joint)
-    during = torque[(time >= push.onset) & (time <= push.release + robot.cycle), index]
-    if not len(during):
-        return push
-    peak = float(during[np.abs(during).argmax()])
+    limb = robot.limbs[robot.limb_of(push.joint)]
     return replace(
         push,
-        torque=abs(peak),
-        direction=int(np.sign(peak)),
-        degrees=float(np.degrees(abs(peak) / stiffness[index])),
+        torque=abs(float(peaks[index])),
+        torques={name: float(peaks[robot.joint_index(name)]) for name in limb},
+        direction=int(np.sign(peaks[index])),
+        degrees=float(np.degrees(abs(peaks[index]) / stiffness[index])),
     )
 
 

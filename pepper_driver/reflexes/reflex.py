@@ -67,7 +67,7 @@ class Reflex:
         limb: Only contacts on this limb; as ``link`` and ``joint`` one name, or a list of which any will do. A contact
             that a reflex is for meets all of its conditions.
         link: Only contacts on this link.
-        joint: Only contacts detected by this joint.
+        joint: Only contacts that turn this joint most. To choose a place, take ``link``.
         kind: ``contact`` or ``collision``; None for both. A contact that grows into a collision begins a reflex that
             is for collisions.
         min_intensity_deg: Only contacts of at least this intensity [deg].

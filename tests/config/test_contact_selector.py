@@ -93,7 +93,7 @@ def test_it_says_what_it_chooses() -> None:
     selector = ContactSelector.from_arguments(
         limb=["left_arm", "head"], joint="LHand", kind="collision", min_torque=2
     )
-    text = "collision on left_arm or head detected by LHand, 2 N m and more"
+    text = "collision on left_arm or head turning LHand, 2 N m and more"
     assert str(selector) == text
     assert str(ContactSelector()) == "contact"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar, cast
+from typing import cast
 
 import numpy as np
 import pytest
@@ -54,6 +54,26 @@ class NoForces:
 
 
 NO_FORCES = cast(ForceEstimator, NoForces())
+
+
+class Force:
+    """Estimate of a force on the left arm, of which two joints of the shoulder carry most."""
+
+    def __init__(self, torque: tuple[float, float]) -> None:
+        self.asked: list[str] = []
+        self.torque = torque
+
+    def estimate(self, limb: str, *values: object) -> ContactForce:
+        self.asked.append(limb)
+        return ContactForce(
+            vector=np.array([0.0, 0.0, 9.0]),
+            covariance=np.eye(3),
+            interval=(8.0, 10.0),
+            point=np.zeros(3),
+            point_covariance=np.eye(3),
+            scale_known=False,
+            torques=dict(zip(PITCH_AND_ROLL, ((t, 0.5) for t in self.torque), strict=True)),
+        )
 
 
 class Player:
@@ -163,25 +183,7 @@ def test_the_joint_is_named_anew_at_each_revision_and_not_between(revision: int)
 
 
 def test_a_force_names_the_joint_and_not_the_link() -> None:
-    class Force:
-        """On the left arm, of which the elbow shows most and the shoulder carries most."""
-
-        asked: ClassVar[list[str]] = []
-        torque: tuple[float, float] = (5.0, 1.0)
-
-        def estimate(self, limb: str, *values: object) -> ContactForce:
-            self.asked.append(limb)
-            return ContactForce(
-                vector=np.array([0.0, 0.0, 9.0]),
-                covariance=np.eye(3),
-                interval=(8.0, 10.0),
-                point=np.zeros(3),
-                point_covariance=np.eye(3),
-                scale_known=False,
-                torques=dict(zip(PITCH_AND_ROLL, ((t, 0.5) for t in self.torque), strict=True)),
-            )
-
-    forces = Force()
+    forces = Force((5.0, 1.0))
     player = Player(cast(ForceEstimator, forces))
     events = player.play(1, LElbowRoll=2.0)
     forces.torque = (-4.0, 1.0)  # looked at again
@@ -204,6 +206,14 @@ def test_a_force_names_the_joint_and_not_the_link() -> None:
     elbow = THRESHOLDS[ROBOT.joint_index("LElbowRoll")]
     assert events[0].intensity_deg == pytest.approx(math.degrees(2.0 * elbow))
     assert forces.asked == ["left_arm"] * 4, "not of an end"
+
+
+def test_a_hand_names_its_own_joint() -> None:
+    """No torque of the arm shows what the fingers do."""
+    forces = Force((5.0, 1.0))
+    [begin] = Player(cast(ForceEstimator, forces)).play(1, LHand=2.0)
+    assert (begin.joint, begin.direction) == ("LHand", -1)
+    assert begin.force == (0.0, 0.0, 9.0)
 
 
 def test_a_joint_that_ended_long_ago_says_nothing_of_the_end_of_another_one() -> None:
@@ -516,7 +526,7 @@ def test_taps(pause: float, kind: str) -> None:
     player = Player()
     events = player.play(ticks(0.1), LElbowRoll=2.0) + player.play(ticks(pause))
     assert kinds(events) == [(1, "begin", "contact"), (1, "end", "tap")]
-    # It is reported 0.3 s after the release: then it is known that it was one.
+    # It is reported ``merge_gap`` after the release: then it is known that it was one.
     second = player.play(ticks(0.1), LElbowRoll=2.0) + player.play(QUIET)
     assert kinds(second) == [(2, "begin", "contact"), (2, "end", kind)]
     if kind == "double tap":  # a third one is the first of the next two

@@ -216,7 +216,7 @@ def test_one_that_never_fell_is_released_later() -> None:
 
 
 def test_time_and_fraction_of_friction() -> None:
-    """Merge gap below 0.85 of the peak, or the time in which models follow."""
+    """Settling time below 0.85 of the peak, or the time in which models follow."""
     for value, wait in ((3.3, SETTLING_TIME), (3.5, CORRECTION_TIME)):
         player = Settler()
         player.play(4.0, 20, 5.0 * THRESHOLD)
