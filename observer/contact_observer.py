@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pepper_driver.config import ObserverSettings, RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray
 from pepper_driver.config.errors import ArgumentError
+from pepper_driver.config.kernels import kernel
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.config.self_collision import load_self_collision
 from pepper_driver.controller.tick import Tick
@@ -60,6 +61,15 @@ UNIT_PERIOD = 250
 """Ticks between two checks for values of the inertial unit: three seconds."""
 
 LOG = logging.getLogger(__name__)
+
+
+@kernel
+def _count_within(residual: FloatArray, threshold: FloatArray) -> int:
+    """Count the joints within their thresholds; those that are blind are not."""
+    count = 0
+    for j in range(len(residual)):
+        count += abs(residual[j]) <= threshold[j]  # NaN compares as False
+    return count
 
 
 class Tracker(Protocol):
@@ -161,6 +171,7 @@ class ContactObserver(Observer):
                 name,
                 np.degrees(MAX_SPREAD),
             )
+        self._count_within = _count_within.load()
         self._known = ~no_model
         self._known_count = np.count_nonzero(self._known)
         self._none_settled = np.zeros(len(no_model), dtype=np.bool_)
@@ -248,8 +259,7 @@ class ContactObserver(Observer):
                 self._lasting.pop(contact.id, None)
             else:
                 self._lasting[contact.id] = contact.limb
-        if self._lasting:
-            self._contact_ticks.update(self._lasting.values())
+        self._contact_ticks.update(self._lasting.values())
 
     def _check_contacts(self) -> None:
         """Warn once a session about each limb that is in contact most of the time."""
@@ -307,7 +317,8 @@ class ContactObserver(Observer):
         contacts, state, free, settled = self._events(residuals, tick.measurement.position)
         self._generator.learn(residuals, free, settled, self._tracker.idle)
         self._ticks += 1
-        self._count_contacts(contacts)
+        if contacts or self._lasting:
+            self._count_contacts(contacts)
         if self._ticks % WEAR_PERIOD == 0:
             self._check_wear()
             self._check_contacts()
@@ -328,8 +339,7 @@ class ContactObserver(Observer):
     ) -> tuple[Sequence[Contact], NDArray[np.int8], BoolArray, BoolArray]:
         """Return the events of this tick; (n,) states; joints without touch; joints that were just released."""
         no_model, doubtful = self._generator.no_model, residuals.doubtful
-        # NaN compares as False: a blind joint counts as not within its threshold.
-        within = np.count_nonzero(np.abs(residuals.residual) <= residuals.threshold)
+        within = self._count_within(residuals.residual, residuals.threshold)
         quiet = within == self._known_count and not abs(residuals.base_residual) > 1.0
         quiet = quiet and (doubtful is None or not np.count_nonzero(doubtful))
         # Most ticks end here, which saves the state machines of all joints.

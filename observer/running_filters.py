@@ -44,10 +44,10 @@ def push_maximum(
     count: int,
     sample: float,
 ) -> float:
-    """Take in the sample number ``count`` of the signal ``j``; return the largest of its window."""
+    """Take in the sample number ``count`` of the signal ``j``; return the largest size in its window."""
     # Algorithm of van Herk: the window ends in this block of samples and begins in the previous one. Its
     # cost per sample does not depend on the length of the window.
-    block, tail = blocks[j], tails[j]
+    block, tail, size = blocks[j], tails[j], abs(sample)
     memory = len(block)
     row = count % memory
     if row == 0:
@@ -55,10 +55,10 @@ def push_maximum(
         tail[memory - 1] = block[memory - 1]
         for k in range(memory - 2, -1, -1):
             tail[k] = np.maximum(block[k], tail[k + 1])
-        largest[j] = sample
+        largest[j] = size
     else:
-        largest[j] = np.maximum(largest[j], sample)
-    block[row] = sample
+        largest[j] = np.maximum(largest[j], size)
+    block[row] = size
     if row == memory - 1:
         return float(largest[j])
     return float(np.maximum(largest[j], tail[row + 1]))
@@ -110,12 +110,12 @@ class RunningMedian:
 
 
 class RunningMaximum:
-    """Largest sample of each of ``width`` signals over the last ``memory`` [s]; NaN where one of them is.
+    """Largest size of each of ``width`` signals over the last ``memory`` [s]; NaN where one of its samples is.
 
     Args:
         memory: [s]
         cycle: Period of the samples [s].
-        width: Number of signals, none of them below 0.
+        width: Number of signals.
     """
 
     def __init__(self, memory: float, cycle: float, width: int) -> None:

@@ -108,17 +108,19 @@ def _threshold(
     spreads: Out[Records[SpreadState]],
     factors: FloatArray,
     lowest: FloatArray,
-    moving: BoolArray,
+    fastest: FloatArray,
     speed: FloatArray,
     limited: BoolArray,
     touched: BoolArray,
     sliding_ticks: Out[IntArray],
+    moving: Out[BoolArray],
     phase: Out[IntArray],
     held: Out[FloatArray],
     threshold: Out[FloatArray],
 ) -> None:
     n = len(threshold)
     for j in range(n):
+        moving[j] = fastest[j] > REST_SPEED
         sliding_ticks[j] = sliding_ticks[j] + 1 if abs(speed[j]) > REST_SPEED else 0
         if not moving[j]:
             phase[j] = REST
@@ -210,16 +212,16 @@ class SpreadThreshold:
             limited: (n,) where the safety gate altered the command.
         """
         threshold = np.empty(len(speed))
-        self.moving = self._speeds.push(np.abs(speed)) > REST_SPEED
         self._step(
             self._spreads,
             self.factors,
             self._lowest,
-            self.moving,
+            self._speeds.push(speed),
             speed,
             limited,
             self._touched,
             self._sliding_ticks,
+            self.moving,
             self.phase,
             self._held,
             threshold,

@@ -9,22 +9,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray, contiguous
-from pepper_driver.config.kernels import Out, Records, kernel
+from pepper_driver.config.kernels import Matrix, Out, Records, kernel
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
     BIAS_TIME,
     CONFIRMING_RATIO,
-    CORRECTION_TIME,
     MIN_SPREAD,
     PUSH_TICKS,
     QUIET_RATIO,
     REST_SPEED,
     SETTLING_TICKS,
-    UNSURE_FACTOR,
 )
 from pepper_driver.observer.detection.threshold import SpreadThreshold
 from pepper_driver.observer.interface import MAX_PLAUSIBLE, MIN_OBSERVED_STIFFNESS, Residuals
 from pepper_driver.observer.models.fusion_model import FusionModel
+from pepper_driver.observer.residuals.doubt import JointDoubt
 from pepper_driver.observer.residuals.hand_loads import HandLoads
 from pepper_driver.observer.residuals.mobile_base import BaseGenerator
 from pepper_driver.observer.residuals.momentum import (
@@ -69,6 +68,23 @@ def _check_inputs(
         good[j] = inputs < MAX_PLAUSIBLE and stiffness[j] >= MIN_OBSERVED_STIFFNESS
         count += good[j]
     return count
+
+
+@kernel
+def _exclude_behind(
+    target: FloatArray,
+    board_target: FloatArray,
+    carries: Matrix[BoolArray],
+    good: Out[BoolArray],
+) -> bool:
+    """Clear ``good`` of joints whose load depends on a board that is behind its command; return True if one is."""
+    behind = False
+    for i in range(len(good)):
+        if abs(target[i] - board_target[i]) > MIN_SPREAD:
+            behind = True
+            for j in range(len(good)):
+                good[j] = good[j] and not carries[i, j]
+    return behind
 
 
 @kernel
@@ -173,23 +189,49 @@ def _join_limbs(
 
 
 @kernel
+def _express(
+    target: FloatArray,
+    position: FloatArray,
+    remainder: FloatArray,
+    bias: FloatArray,
+    blind: BoolArray,
+    expected: Out[FloatArray],
+    residual: Out[FloatArray],
+    threshold: Out[FloatArray],
+    torque: Out[FloatArray],
+    torque_std: Out[FloatArray],
+) -> None:
+    """Compute the expected error; set all values of blind joints to NaN."""
+    for j in range(len(expected)):
+        expected[j] = target[j] - position[j] + remainder[j] + bias[j]
+        if blind[j]:
+            expected[j] = residual[j] = threshold[j] = torque[j] = torque_std[j] = math.nan
+
+
+@kernel
 def _judge(
     residual: FloatArray,
     threshold: FloatArray,
     speed: FloatArray,
     free: BoolArray,
     blind: BoolArray,
+    doubtful: BoolArray,
     limited: BoolArray,
     pace: float,
     bias: Out[FloatArray],
+    touched: Out[BoolArray],
     seen: Out[BoolArray],
     resting: Out[BoolArray],
+    sliding: Out[BoolArray],
 ) -> None:
-    """Mark the free joints that can be judged, and those of them whose models are at rest; update their bias."""
+    """Mark joints that are touched, the free ones that can be judged, and which of these rest or slide; update bias."""
     for j in range(len(residual)):
+        touched[j] = not (free[j] or blind[j] or doubtful[j])
         seen[j] = free[j] and not (blind[j] or limited[j])
         quiet = seen[j] and abs(residual[j]) < QUIET_RATIO * threshold[j]
-        resting[j] = quiet and abs(speed[j]) <= REST_SPEED
+        slides = abs(speed[j]) > REST_SPEED
+        resting[j] = quiet and not slides
+        sliding[j] = seen[j] and slides
         if quiet:
             bias[j] += pace * residual[j]
 
@@ -316,11 +358,12 @@ class FusionGenerator:
             motor_torque=motor_torque,
         )
         self._median = RunningMedian(window, 2 * n)
-        self._loads = loads
-        self._check_inputs, self._combine = _check_inputs.load(), _combine.load()
-        self._agree = _agree.load()
-        self._join_limbs, self._judge = _join_limbs.load(), _judge.load()
-        self._follow_hands = _follow_hands.load()
+        self._loads, self._no_doubt = loads, np.zeros(n)
+        self._doubt = JointDoubt(n, cycle)
+        self._check_inputs, self._exclude_behind = _check_inputs.load(), _exclude_behind.load()
+        self._combine, self._agree = _combine.load(), _agree.load()
+        self._join_limbs, self._follow_hands = _join_limbs.load(), _follow_hands.load()
+        self._express, self._judge = _express.load(), _judge.load()
         self.reset()
 
     def reset(self) -> None:
@@ -340,9 +383,7 @@ class FusionGenerator:
         self._blind_ticks = np.zeros(n, dtype=np.int64)
         self._blind_countdown = 0
         self._base_quiet, self._confirming, self._untouched = PUSH_TICKS, 0, True
-        self._rest_time = np.full(n, CORRECTION_TIME)
-        self._doubt_ticks = np.zeros(n, dtype=np.int64)
-        self._stray_ticks = np.zeros(n, dtype=np.int64)
+        self._doubt.reset()
         self._change, self._bias = np.zeros(n), np.zeros(n)
         self._hands = np.zeros(n, dtype=np.int64)
         self._settling_ticks = np.zeros(n, dtype=np.int64)
@@ -383,10 +424,9 @@ class FusionGenerator:
         self._predictor.step(target, load_torque, velocity, acceleration, measured)
         # A late sample is the response to an older command.
         prediction = self._predictor.before(late_ticks)
-        behind = np.abs(prediction.target - prediction.board_target) > MIN_SPREAD
-        falls_behind = bool(np.count_nonzero(behind))
-        if falls_behind:
-            good &= ~self._carries[behind].any(axis=0)
+        falls_behind = self._exclude_behind(
+            prediction.target, prediction.board_target, self._carries, good
+        )
         channels, count = self._residuals(prediction, measured, current, good)
         if not self._parts.model:
             channels[:n] = channels[n:]
@@ -403,14 +443,10 @@ class FusionGenerator:
         if bad is not None:
             raw[bad] = np.nan
         blind = self._blind(bad, measured)
-        own = self._threshold.step(contiguous(prediction.speed), limited)
-        if self._loads is not None:
-            # The model of a joint at rest soon knows what a load has done to its position.
-            rests = np.where(self._threshold.moving, 0.0, self._rest_time + self._cycle)
-            self._rest_time = rests
-            own = own + UNSURE_FACTOR * np.where(rests < CORRECTION_TIME, self._loads.doubt, 0.0)
-        # Where a board follows another target, the current alone can show a touch.
-        alone = np.where(self._stray_ticks > 0, UNSURE_FACTOR * own, own)
+        own = self._threshold.step(prediction.speed, limited)
+        moving = self._threshold.moving
+        load_doubt = self._no_doubt if self._loads is None else self._loads.doubt
+        alone = self._doubt.raise_thresholds(own, load_doubt, moving)
         threshold = alone.copy()
         base = (np.nan, np.nan)
         if self._base is not None:
@@ -429,15 +465,24 @@ class FusionGenerator:
             prediction.friction,
             threshold,
             measured,
-            self._threshold.moving,
+            moving,
             prediction.load_torque,
             current,
         )
-        expected_error = prediction.target - prediction.position + prediction.remainder + self._bias
-        if np.count_nonzero(blind):
-            for values in (expected_error, filtered, threshold, torque, torque_std):
-                values[blind] = np.nan
-        band = self._predictor.friction_band(prediction, self._threshold.moving)
+        doubtful = self._doubt.step(both, filtered, own, moving, blind)
+        expected_error = np.empty(n)
+        self._express(
+            prediction.target,
+            prediction.position,
+            prediction.remainder,
+            self._bias,
+            blind,
+            expected_error,
+            filtered,
+            threshold,
+            torque,
+            torque_std,
+        )
         return Residuals(
             expected=expected_error,
             raw=raw,
@@ -445,9 +490,9 @@ class FusionGenerator:
             threshold=threshold,
             torque=torque,
             torque_std=torque_std,
-            friction_band=band,
+            friction_band=self._predictor.friction_band(prediction, moving),
             blind=blind,
-            doubtful=self._doubtful(both[:n], filtered, own, blind),
+            doubtful=doubtful,
             base_raw=base[0],
             base_residual=base[1],
             base_drives=self._base is not None and self._base.drives,
@@ -482,21 +527,6 @@ class FusionGenerator:
             return False
         self._confirming -= 1
         return True
-
-    def _doubtful(
-        self, model: FloatArray, residual: FloatArray, threshold: FloatArray, blind: BoolArray
-    ) -> BoolArray:
-        """Return (n,) joints that rest off their place without the torque of the motor that this would take."""
-        quiet, off = QUIET_RATIO * threshold, np.abs(model)
-        alone = (off > quiet) & (np.abs(residual) <= quiet) & ~(self._threshold.moving | blind)
-        self._doubt_ticks = np.where(alone, self._doubt_ticks + 1, 0)
-        strays = self._doubt_ticks >= SETTLING_TICKS
-        doubtful: BoolArray = strays & (off > threshold)
-        strays |= (self._stray_ticks > 0) & (off > quiet)
-        self._stray_ticks = np.where(
-            blind, SETTLING_TICKS, np.maximum(self._stray_ticks - 1, strays)
-        )
-        return doubtful
 
     def _blind(self, bad: BoolArray | None, measured: FloatArray) -> BoolArray:
         """Return the (n,) joints that cannot be judged; their stick-slip models follow the measured position."""
@@ -582,28 +612,30 @@ class FusionGenerator:
         """Learn from a tick, once its events are known; see :class:`ResidualGenerator`."""
         detail, residual, blind = residuals.detail, residuals.residual, residuals.blind
         assert isinstance(detail, _Detail)
-        n, learns_bias = len(residual), self._adapt and self._parts.bias
+        assert residuals.doubtful is not None
+        learns_bias = self._adapt and self._parts.bias
         self._settle(settled, blind, detail.measured)
-        touched = ~(free | blind)
-        if residuals.doubtful is not None:
-            touched &= ~residuals.doubtful
-        self._threshold.hold(touched)
-        seen, resting = np.empty(n, np.bool_), np.empty(n, np.bool_)
+        n = len(residual)
+        touched, seen = np.empty(n, np.bool_), np.empty(n, np.bool_)
+        resting, sliding = np.empty(n, np.bool_), np.empty(n, np.bool_)
         self._judge(
             residual,
             detail.threshold,
             detail.prediction.speed,
             free,
             blind,
+            residuals.doubtful,
             detail.limited,
             self._cycle / BIAS_TIME if learns_bias and untouched else 0.0,
             self._bias,
+            touched,
             seen,
             resting,
+            sliding,
         )
+        self._threshold.hold(touched)
         if untouched and self._loads is not None:
-            slides = seen & (np.abs(detail.prediction.speed) > REST_SPEED)
-            self._loads.learn(residual, detail.threshold, slides)
+            self._loads.learn(residual, detail.threshold, sliding)
         # Also without adaptation: this corrects the state of the models.
         self._predictor.rest(resting, residual)
         self._untouched = untouched

@@ -7,12 +7,14 @@ numbers from the joints that slide; friction hides the load from a joint at rest
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from pepper_driver.config import RobotConfig
-from pepper_driver.config.arrays import BoolArray, FloatArray, IndexArray
+from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray
+from pepper_driver.config.kernels import Matrix, Out, kernel
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.observer.constants import (
     LOAD_MASS_STD,
@@ -26,6 +28,68 @@ MAX_MASS = 1.0
 
 PERIOD = 5
 """Ticks between two updates, of one arm after the other: residuals hardly change in one tick."""
+
+
+@kernel
+def _apply_load(
+    effect: Matrix[FloatArray],
+    load: FloatArray,
+    covariance: Matrix[FloatArray],
+    joints: IntArray,
+    load_gain: FloatArray,
+    torque: Out[FloatArray],
+    doubt: Out[FloatArray],
+) -> None:
+    """Set torque [N m] and doubt [rad] of the joints of an arm (m,) in those of all joints (n,)."""
+    for i in range(len(joints)):
+        j = joints[i]
+        torque[j], variance = 0.0, 0.0
+        for a in range(len(load)):
+            torque[j] += effect[i, a] * load[a]
+            for b in range(len(load)):
+                variance += effect[i, a] * covariance[a, b] * effect[i, b]
+        doubt[j] = load_gain[j] * math.sqrt(max(variance, 0.0))
+
+
+@kernel
+def _learn_load(
+    effect: Matrix[FloatArray],
+    joints: IntArray,
+    load_gain: FloatArray,
+    residual: FloatArray,
+    threshold: FloatArray,
+    use: BoolArray,
+    prior: Matrix[FloatArray],
+    load: Out[FloatArray],
+    covariance: Out[Matrix[FloatArray]],
+) -> bool:
+    """Update a load by the residuals of its arm, one joint after the other; return False if none is of use."""
+    before, learns = load.copy(), False
+    for i in range(len(joints)):
+        j = joints[i]
+        if not use[j]:
+            continue
+        learns = True
+        row = load_gain[j] * effect[i]
+        seen = covariance @ row
+        # The residual is what the load so far has not explained.
+        fresh = residual[j] - np.sum(row * (load - before))
+        gain = seen / (np.sum(row * seen) + threshold[j] ** 2)
+        load += gain * fresh
+        for a in range(len(load)):
+            for b in range(len(load)):
+                covariance[a, b] -= gain[a] * seen[b]
+    if not learns:
+        return False
+    # Beyond what a hand can hold, the most likely of the loads that it can.
+    beyond = load[0] - min(max(load[0], 0.0), MAX_MASS)
+    load -= covariance[:, 0] / covariance[0, 0] * beyond
+    covariance *= 1.0 + RISE
+    largest = np.sqrt(np.minimum(1.0, np.diag(prior) / np.diag(covariance)))
+    for a in range(len(load)):
+        for b in range(len(load)):
+            covariance[a, b] *= largest[a] * largest[b]
+    return True
 
 
 @dataclass(slots=True)
@@ -43,7 +107,7 @@ class _Arm:
     """
 
     name: str
-    joints: IndexArray
+    joints: IntArray
     wrist: str
     prior: FloatArray
     covariance: FloatArray
@@ -80,18 +144,19 @@ class HandLoads:
                         joints=np.array([robot.joint_index(joint) for joint in chain]),
                         wrist=chain[-1],
                         prior=prior,
-                        covariance=prior,
+                        covariance=prior.copy(),
                         load=np.zeros(4),
                         effect=np.zeros((len(chain), 4)),
                     )
                 )
         self._wrists = [arm.wrist for arm in self._arms]
+        self._apply, self._learn = _apply_load.load(), _learn_load.load()
         self.reset()
 
     def reset(self) -> None:
         """Return to loads that are not known."""
         for arm in self._arms:
-            arm.covariance, arm.load = arm.prior, np.zeros(4)
+            arm.covariance, arm.load = arm.prior.copy(), np.zeros(4)
             arm.effect = np.zeros_like(arm.effect)
         self.torque, self.doubt = np.zeros(len(self._gain)), np.zeros(len(self._gain))
         self._ticks = 0
@@ -125,14 +190,13 @@ class HandLoads:
         effects = self._model.body_torques(self._wrists, position, velocity, acceleration)
         for arm, effect in zip(self._arms, effects, strict=True):
             arm.effect = effect[arm.joints]
-            self._apply(arm)
+            self._update(arm)
 
-    def _apply(self, arm: _Arm) -> None:
-        """Compute torque and doubt of the joints of an arm."""
-        joints = arm.joints
-        self.torque[joints] = arm.effect @ arm.load
-        variance = np.einsum("ji,ik,jk->j", arm.effect, arm.covariance, arm.effect)
-        self.doubt[joints] = self._gain[joints] * np.sqrt(np.maximum(variance, 0.0))
+    def _update(self, arm: _Arm) -> None:
+        """Update torque and doubt of the joints of an arm."""
+        self._apply(
+            arm.effect, arm.load, arm.covariance, arm.joints, self._gain, self.torque, self.doubt
+        )
 
     def learn(self, residual: FloatArray, threshold: FloatArray, use: BoolArray) -> None:
         """Learn from the residuals of a tick (n,) [rad], with their thresholds (n,) [rad].
@@ -145,23 +209,19 @@ class HandLoads:
         if self._ticks % PERIOD != 0 or not self._arms:
             return
         arm = self._arms[self._ticks // PERIOD % len(self._arms)]
-        used = use[arm.joints]
-        joints = arm.joints[used]
-        if not len(joints):
-            return
-        effect = self._gain[joints, None] * arm.effect[used]
-        noise = threshold[joints]
-        seen = arm.covariance @ effect.T
-        gain = np.linalg.solve(effect @ seen + np.diag(noise**2), seen.T).T
-        covariance = arm.covariance - gain @ seen.T
-        load = arm.load + gain @ residual[joints]
-        # Beyond what a hand can hold, the most likely of the loads that it can.
-        beyond = load[0] - min(max(load[0], 0.0), MAX_MASS)
-        load = load - covariance[:, 0] / covariance[0, 0] * beyond
-        covariance = (1.0 + RISE) * covariance
-        largest = np.sqrt(np.minimum(1.0, np.diag(arm.prior) / np.diag(covariance)))
-        arm.load, arm.covariance = load, covariance * np.outer(largest, largest)
-        self._apply(arm)
+        learns = self._learn(
+            arm.effect,
+            arm.joints,
+            self._gain,
+            residual,
+            threshold,
+            use,
+            arm.prior,
+            arm.load,
+            arm.covariance,
+        )
+        if learns:
+            self._update(arm)
 
 
 def _prior(hand: FloatArray) -> FloatArray:

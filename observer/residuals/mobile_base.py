@@ -43,27 +43,49 @@ MIN_SPREADS = np.array([0.0005, 0.0005, 0.002, 0.0005, 0.005, 0.005])
 """Smallest spread of each output: a step of its sensor."""
 
 
+class BaseTicks:
+    """Ticks since an event of the commands.
+
+    Attributes:
+        standing: Since the base was commanded to move.
+        still: Since a joint was commanded to move faster than ROCKING_SPEED.
+        smooth: Since a joint was commanded to accelerate faster than SHAKING_ACCELERATION.
+    """
+
+    standing: int
+    still: int
+    smooth: int
+
+
 @kernel
 def _respond(
     inputs: Out[Matrix[FloatArray]],
     count: int,
     sent_speed: FloatArray,
     load_torque: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
     legs: IntArray,
     inverse: Matrix[FloatArray],
     response: Block[FloatArray],
+    standing_delay: int,
+    ticks: Out[Records[BaseTicks]],
     predicted: Out[FloatArray],
-) -> float:
-    """Take in the tick number ``count``; return the size of the largest commanded base velocity.
+) -> int:
+    """Take in the commands of the tick number ``count``; return the phase of the base.
 
     Args:
         inputs: Ring of one row per tick: commanded base twist, load of the legs.
         count: Number of the tick. In the first one, 0, the load is taken as constant before.
         sent_speed: (3,) commanded wheel speeds [rad/s].
         load_torque: (n,) of the joints [N m].
+        velocity: (n,) desired [rad/s].
+        acceleration: (n,) desired [rad/s2].
         legs: Indices of the leg joints.
         inverse: (3, 3) from wheel speeds to the base twist.
         response: By tick and input, (6,) response of the outputs.
+        standing_delay: Ticks since a command to move from which on the base stands.
+        ticks: (1,) since events.
         predicted: (6,) outputs.
     """
     newest = -count % TAPS  # rows after it are older
@@ -87,7 +109,21 @@ def _respond(
         for i in range(len(then)):
             for output in range(len(predicted)):
                 predicted[output] += then[i] * response[tap, i, output]
-    return float(max(abs(now[0]), abs(now[1]), abs(now[2])))
+    since = ticks[0]
+    fastest = max(abs(now[0]), abs(now[1]), abs(now[2]))
+    since.standing = since.standing + 1 if fastest < STANDSTILL_SPEED else 0
+    since.still, since.smooth = since.still + 1, since.smooth + 1
+    for j in range(len(velocity)):
+        # NaN compares as False.
+        if not abs(velocity[j]) < ROCKING_SPEED:
+            since.still = 0
+        if not abs(acceleration[j]) < SHAKING_ACCELERATION:
+            since.smooth = 0
+    if since.standing < standing_delay:
+        return DRIVING
+    if since.smooth < TAPS:
+        return SHAKING
+    return MOVING if since.still < TAPS else STILL
 
 
 @kernel
@@ -95,40 +131,48 @@ def _compare(
     predicted: FloatArray,
     wheel_speed: FloatArray,
     inverse: Matrix[FloatArray],
-    inertial: FloatArray,
+    angular_velocity: FloatArray,
+    acceleration: FloatArray,
     memory: int,
-    repeats: int,
-    before: Out[FloatArray],
+    inertial: Out[FloatArray],
+    repeats: Out[IntArray],
     missing: Out[IntArray],
     level: Out[FloatArray],
+    seen: Out[BoolArray],
     error: Out[FloatArray],
-) -> int:
-    """Compute predicted minus measured outputs (6,); return for how many ticks the inertial unit repeats its values.
+) -> bool:
+    """Compute predicted minus measured outputs (6,), all 0 if they are not valid; return True if they are.
 
     Args:
         predicted: (6,) outputs.
         wheel_speed: (3,) measured [rad/s].
         inverse: (3, 3) from wheel speeds to the base twist.
-        inertial: (3,) yaw rate [rad/s] and horizontal acceleration [m/s2] as measured.
+        angular_velocity: (3,) of the inertial unit [rad/s].
+        acceleration: (3,) of the inertial unit [m/s2].
         memory: Ticks without a value after which its level is unknown.
-        repeats: Result for the previous sample.
-        before: (3,) ``inertial`` of the previous sample; is set to this one.
+        inertial: (3,) yaw rate and horizontal acceleration of the previous sample; is set to those of this one.
+        repeats: (1,) ticks for which the inertial unit has repeated its values.
         missing: (3,) ticks for which a value of the inertial unit has been missing.
         level: (3,) of the inertial unit; NaN before the first sample, and when a value is missing for long.
+        seen: (6,) outputs that were measured.
         error: (6,) is set; 0 where a value is missing.
     """
-    repeats += 1
+    repeats[0] += 1
     for axis in range(3):
+        value = angular_velocity[2] if axis == 0 else acceleration[axis - 1]
         # NaN differs from itself.
-        if inertial[axis] != before[axis]:
-            repeats = 0
-        before[axis] = inertial[axis]
+        if value != inertial[axis]:
+            repeats[0] = 0
+        inertial[axis] = value
+    valid = True
     for axis in range(3):
         error[axis] = predicted[axis]
         for wheel in range(3):
             error[axis] -= inverse[axis, wheel] * wheel_speed[wheel]
         beyond = inertial[axis] - predicted[3 + axis]
-        if repeats >= FROZEN_TICKS or not abs(beyond) < MAX_PLAUSIBLE:
+        seen[3 + axis] = repeats[0] < FROZEN_TICKS and abs(beyond) < MAX_PLAUSIBLE
+        valid = valid and abs(error[axis]) < MAX_PLAUSIBLE
+        if not seen[3 + axis]:
             error[3 + axis] = 0.0
             missing[axis] += 1
             if missing[axis] > memory:
@@ -138,11 +182,14 @@ def _compare(
         if math.isnan(level[axis]):
             level[axis] = beyond
         error[3 + axis] = level[axis] - beyond
-    return repeats
+        valid = valid and abs(error[3 + axis]) < MAX_PLAUSIBLE
+    if not valid:
+        error[:] = 0.0
+    return valid
 
 
 @kernel
-def _judge_base(
+def _norm(
     filtered: FloatArray, spreads: Records[SpreadState], factor: float, axis: int
 ) -> tuple[int, float]:
     """Return the output to report, and the norm of all residuals over their thresholds, with its sign.
@@ -160,6 +207,25 @@ def _judge_base(
     if before < QUIET_RATIO * abs(filtered[largest] / spreads[largest].today):
         axis = largest
     return axis, math.copysign(math.sqrt(square) / factor, filtered[axis])
+
+
+@kernel
+def _judge_base(
+    error: FloatArray,
+    filtered: FloatArray,
+    spreads: Records[SpreadState],
+    factor: float,
+    axis: int,
+    pace: float,
+    level: Out[FloatArray],
+) -> tuple[int, float, float]:
+    """Return the output to report, and the norms before and after the filter; update the (3,) levels."""
+    for i in range(len(level)):
+        # After the filter: a single sample that is wrong would move the level for seconds.
+        level[i] -= pace * filtered[3 + i]
+    axis, residual = _norm(filtered, spreads, factor, axis)
+    _, raw = _norm(error, spreads, factor, axis)
+    return axis, raw, residual
 
 
 @kernel
@@ -224,16 +290,17 @@ class BaseGenerator:
         """Forget everything but the model."""
         self._inputs = np.zeros(self._response.shape[:2])
         self._median = RunningMedian(self._window, len(OUTPUTS))
-        self._level, self._before = np.full(3, np.nan), np.full(3, np.nan)
-        self._missing, self._repeats = np.zeros(3, dtype=np.int64), 0
+        self._level, self._inertial = np.full(3, np.nan), np.full(3, np.nan)
+        self._missing, self._repeats = np.zeros(3, dtype=np.int64), np.zeros(1, dtype=np.int64)
         self._spreads = [
             make_records(SpreadState, len(OUTPUTS), identified=spread, today=spread)
             for spread in self._identified
         ]
         self.phase = 0
         self._count = 0
-        self._standing_ticks, self._still_ticks = self._standing_delay, TAPS
-        self._smooth_ticks = TAPS
+        self._ticks = make_records(
+            BaseTicks, 1, standing=self._standing_delay, still=TAPS, smooth=TAPS
+        )
         self._blind, self._judged = 0, False
         self._last = (np.nan, np.nan)
         self._axis = 0
@@ -260,28 +327,24 @@ class BaseGenerator:
             self._blind = max(self._blind, self._window)
         if late or lost:
             return (np.nan, np.nan) if self._blind else self._last
-        error = self._error(tick, predicted)
-        if not (np.abs(error) < MAX_PLAUSIBLE).all():
+        error, valid = self._error(tick, predicted)
+        if not valid:
             self._blind = max(self._blind, self._window)
-            # The median must take in a number: a NaN would spoil the whole window.
-            error = np.zeros(len(OUTPUTS))
+        # The median must take in a number: a NaN would spoil the whole window.
         self.filtered = self._median.push(error)
-        # After the filter: a single sample that is wrong would move the level for seconds.
-        self._level -= self._pace * self.filtered[3:]
-        if self._standing_ticks < self._standing_delay:
-            self.phase = DRIVING
-        elif self._smooth_ticks < TAPS:
-            self.phase = SHAKING
-        else:
-            self.phase = MOVING if self._still_ticks < TAPS else STILL
+        axis, raw, filtered = self._judge(
+            error,
+            self.filtered,
+            self._spreads[self.phase],
+            self._factor,
+            self._axis,
+            self._pace,
+            self._level,
+        )
         if self._blind:
             self._blind -= 1
             return np.nan, np.nan
-        self._judged = True
-        spreads = self._spreads[self.phase]
-        self._axis, filtered = self._judge(self.filtered, spreads, self._factor, self._axis)
-        _, raw = self._judge(error, spreads, self._factor, self._axis)
-        self._last = raw, filtered
+        self._judged, self._axis, self._last = True, axis, (raw, filtered)
         return self._last
 
     @property
@@ -301,45 +364,42 @@ class BaseGenerator:
 
     def _predict(self, tick: Tick) -> FloatArray:
         """Take in the commands of a tick; return the (6,) predicted outputs."""
-        predicted = np.empty(len(OUTPUTS))
-        fastest = self._respond(
+        predicted, reference = np.empty(len(OUTPUTS)), tick.reference
+        self.phase = self._respond(
             self._inputs,
             self._count,
             contiguous(tick.sent.wheel_speed),
-            contiguous(tick.reference.load_torque),
+            contiguous(reference.load_torque),
+            contiguous(reference.velocity),
+            contiguous(reference.acceleration),
             self._legs,
             self._inverse,
             self._response,
+            self._standing_delay,
+            self._ticks,
             predicted,
         )
         self._count += 1
-        self._standing_ticks = self._standing_ticks + 1 if fastest < STANDSTILL_SPEED else 0
-        slow = np.abs(tick.reference.velocity).max() < ROCKING_SPEED
-        self._still_ticks = self._still_ticks + 1 if slow else 0
-        smooth = np.abs(tick.reference.acceleration).max() < SHAKING_ACCELERATION
-        self._smooth_ticks = self._smooth_ticks + 1 if smooth else 0
         return predicted
 
-    def _error(self, tick: Tick, predicted: FloatArray) -> FloatArray:
-        """Take in the measurement of a tick; return the (6,) predicted minus the measured outputs."""
+    def _error(self, tick: Tick, predicted: FloatArray) -> tuple[FloatArray, bool]:
+        """Take in the measurement; return the (6,) predicted minus the measured outputs, and if they are valid."""
         measurement, error = tick.measurement, np.empty(len(OUTPUTS))
-        inertial = np.empty(3)
-        inertial[0] = measurement.imu.angular_velocity[2]
-        inertial[1:] = measurement.imu.acceleration[:2]
-        self._repeats = self._compare(
+        valid = self._compare(
             predicted,
             contiguous(measurement.wheel_speed),
             self._inverse,
-            inertial,
+            contiguous(measurement.imu.angular_velocity),
+            contiguous(measurement.imu.acceleration),
             self._memory,
+            self._inertial,
             self._repeats,
-            self._before,
             self._missing,
             self._level,
+            self.seen,
             error,
         )
-        self.seen[3:] = self._missing == 0
-        return error
+        return error, valid
 
 
 def leg_indices(robot: RobotConfig) -> list[int]:

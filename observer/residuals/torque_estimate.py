@@ -209,7 +209,7 @@ class TorqueEstimate:
             position,
             moving,
             load_torque,
-            self._currents.push(np.abs(current)),
+            self._currents.push(current),
             torque,
             torque_std,
         )

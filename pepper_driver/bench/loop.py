@@ -78,17 +78,21 @@ class LoopBench:
     Attributes:
         ticks: Timing of the ticks on the first plant, in the quickest run on all cores: the log's thread may have one
             of its own. Their stages ``read`` and ``write`` are the simulated robot.
+        observer_us: Median of a tick of the observer alone, which plays the ticks of the first plant again, of each the
+            quickest run; on one core. None where no models are shipped for this plant.
         speed: By plant, on one core.
     """
 
     ticks: Statistics
+    observer_us: float | None
     speed: dict[str, Speed]
 
     def as_json(self) -> dict[str, Any]:
-        """``stage_us``, ``tick_us``, ``simulation``, ``loop_over_physics``, ``plant_over_physics``."""
+        """``stage_us``, ``tick_us``, ``observer_us``, ``simulation``, ``loop_over_physics``, ``plant_over_physics``."""
         return {
             "stage_us": {stage: asdict(spread) for stage, spread in self.ticks.stages.items()},
             "tick_us": asdict(self.ticks.tick),
+            "observer_us": self.observer_us,
             "simulation": {
                 plant: {
                     "real_time_factor": speed.loop,
@@ -141,8 +145,9 @@ def run_loop_bench(
             (_time_ticks(plants[0], turns, log) for _ in range(RUNS)),
             key=lambda run: run.tick.median,
         )
+        observer_us = time_observer(plants[0], turns, log)
     report_progress(1.0)
-    return LoopBench(ticks=ticks, speed=speed)
+    return LoopBench(ticks=ticks, observer_us=observer_us, speed=speed)
 
 
 def _time_ticks(plant: str, count: int, log: Path) -> Statistics:
@@ -151,6 +156,33 @@ def _time_ticks(plant: str, count: int, log: Path) -> Statistics:
         for posture in islice(_postures(pepper), count):
             _turn(pepper, posture, lambda tick, _: None)
         return pepper.statistics
+
+
+def time_observer(plant: str, count: int, log: Path) -> float | None:
+    """Return the median time in which the observer of a robot takes in a tick [us], None without an observer.
+
+    Args:
+        plant: Name or file.
+        count: Number of turns whose ticks it takes in.
+        log: Where the robot's log goes.
+    """
+    ticks: list[Tick] = []
+    with _robot(plant, log) as pepper:
+        observer = pepper.observer
+        for posture in islice(_postures(pepper), count):
+            _turn(pepper, posture, lambda tick, _: ticks.append(tick))
+    if observer is None:
+        return None
+    times = np.empty((RUNS, len(ticks)))
+    with one_core():
+        for run in range(RUNS):
+            observer.reset()
+            marks = [perf_counter()]
+            for tick in ticks:
+                observer.step(tick)
+                marks.append(perf_counter())
+            times[run] = np.diff(marks)
+    return 1e6 * float(np.median(times.min(axis=0)))
 
 
 @dataclass(frozen=True, kw_only=True)

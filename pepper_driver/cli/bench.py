@@ -143,6 +143,8 @@ def _parts(
         with _bar(console, "loop") as advance:
             loop = run_loop_bench(seconds, plants=plants, on_progress=advance)
         console.print(_stages(loop.ticks))
+        if loop.observer_us is not None:
+            console.print(f"observer alone, with the same ticks again: {loop.observer_us:.1f} us")
         for plant, speed in loop.speed.items():
             console.print(
                 f"simulation of {plant}: {speed.loop:.1f} times real time with controller, observer and log, "

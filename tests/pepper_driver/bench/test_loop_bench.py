@@ -11,9 +11,11 @@ import pytest
 from pepper_driver.backends import make_backend
 from pepper_driver.backends.mujoco_ import MujocoBackend
 from pepper_driver.bench import loop
-from pepper_driver.bench.loop import TURN, Speed, record_turns, run_loop_bench
+from pepper_driver.bench.loop import TURN, Speed, record_turns, run_loop_bench, time_observer
 from pepper_driver.bench.physics import RecordedSteps, StepRecorder
+from pepper_driver.controller import Tick
 from pepper_driver.log import LogWriter
+from pepper_driver.observer import ContactObserver, Observation, shipped
 
 
 def energy(steps: RecordedSteps) -> float:
@@ -88,6 +90,29 @@ def test_ratios_are_those_of_times() -> None:
         loop=9.0, plant=25.0, loop_us=1250.0, log_us=100.0, plant_us=500.0, physics_us=250.0
     )
     assert (speed.loop_over_physics, speed.plant_over_physics) == (5.0, 2.0)
+
+
+@pytest.mark.parametrize("plant", ["nominal", "soft-hip"])
+def test_an_observer_that_dawdles_is_seen(
+    plant: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    step = ContactObserver.step
+
+    def dawdle(observer: ContactObserver, tick: Tick) -> Observation:
+        end = perf_counter() + 0.004
+        observation = step(observer, tick)
+        while perf_counter() < end:
+            pass
+        return observation
+
+    monkeypatch.setattr(loop, "RUNS", 2)
+    monkeypatch.setattr(ContactObserver, "step", dawdle)
+    taken = time_observer(plant, 1, tmp_path / "run.mcap")
+    if plant in shipped("fusion"):
+        assert taken is not None
+        assert taken >= 4000.0
+    else:
+        assert taken is None
 
 
 WRITING = 1.0
