@@ -9,7 +9,7 @@ pepper = Pepper("mujoco://?plant=integral", reflexes=[Hold()])  # Hold: stand st
 def touched(contact: Contact) -> None:
     """Print a contact that begins, on a thread of its own."""
     print(
-        f"{contact.link}: {contact.joint} pushed {contact.direction:+d}, {contact.intensity_deg:.1f} deg"
+        f"{contact.link}: {contact.joint} pushed {contact.direction:+d}, {contact.force_text or contact.kind}"
     )
 
 

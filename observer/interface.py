@@ -42,12 +42,13 @@ class Contact:
         limb_known: False for a contact on the trunk in mode ``fusion``: one on a limb, whose line of force passes near
             the axes of its joints or that friction hides, shakes the base in the same way.
         joint: The joint of the limb on which ``force`` has the largest torque, as of the detection or 50 or 150 ms
-            later. On a joint of a hand, and without a force, it is the last joint of the chain that detects the
-            contact. None for trunk and base.
-        link: The link that the last joint of the chain that detects the contact carries.
+            later. On a joint of a hand, and without a force, it is ``shown_by``. None for trunk and base.
+        shown_by: The last joint of the chain that detects the contact: the one whose residual is beyond its threshold.
+            None for trunk and base.
+        link: The link that ``shown_by`` carries; ``torso`` or ``base_link`` on the trunk.
         direction: Sign of the external torque on the joint then, in the joint's positive sense.
-        intensity_deg: Largest size so far of the residual of the joint that carries ``link`` [deg]; 0 where only the
-            wheels detect it.
+        intensity_deg: Largest size so far of the residual of ``shown_by``, on the trunk of a joint of the legs [deg]; 0
+            where only the wheels detect it.
         torque: External torque on the joint [N m], signed: that of ``force``; without a force, that of the joint alone.
             None where no estimate exists.
         torque_std: Its standard deviation [N m]; None where no estimate exists.
@@ -72,6 +73,7 @@ class Contact:
     limb: str
     limb_known: bool = True
     joint: str | None
+    shown_by: str | None
     link: str
     direction: Direction
     intensity_deg: float

@@ -440,8 +440,8 @@ class BodyTracker:
         if excursion.kind == "collision" and contact.kind == "contact":
             contact.kind = "collision"
         if limb is self._trunk:
-            contact.limb, contact.joint = TRUNK, None
-            contact.limb_known = False
+            contact.limb, contact.limb_known = TRUNK, False
+            contact.joint = contact.shown_by = None
             contact.link = TRUNK_LINK if place > 0 else BASE_LINK
             contact.peak = max((e.peak for e in over if e.joint != limb.joints[0]), default=0.0)
         else:
@@ -489,6 +489,7 @@ class BodyTracker:
             limb=contact.limb,
             limb_known=contact.limb_known,
             joint=None if contact.joint is None else self._names[contact.joint],
+            shown_by=None if contact.shown_by is None else self._names[contact.shown_by],
             link=contact.link,
             direction=-1 if contact.sign > 0 else 1,
             intensity_deg=math.degrees(contact.peak),

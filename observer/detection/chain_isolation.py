@@ -67,6 +67,7 @@ class ChainContact:
             kind=self.kind,
             limb=robot.limb_of(joint.name),
             joint=joint.name,
+            shown_by=joint.name,
             link=joint.child,
             direction=-1 if self.located.sign > 0 else 1,
             intensity_deg=math.degrees(self.peak),

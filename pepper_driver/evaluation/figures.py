@@ -249,7 +249,7 @@ def _draw_residual(trace: Trace, rows: slice, robot: RobotConfig, axes: Axes) ->
 def _onset_style(contact: Contact, joint: str) -> Style:
     if contact.kind == "rebound":
         style = {"color": GREY, "linestyle": ":", "label": "rebound, estimated onset"}
-    elif contact.joint == joint:
+    elif contact.shown_by == joint:
         style = {"color": BLUE, "linestyle": "--", "label": "contact, estimated onset"}
     else:
         style = {"color": SKY, "linestyle": "-.", "label": "contact elsewhere, estimated onset"}

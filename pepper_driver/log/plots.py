@@ -91,7 +91,7 @@ def make_room(log: RunLog, axes: Axes) -> None:
 
 
 def mark_contacts(log: RunLog, joint: str, axes: Axes) -> None:
-    """Areas from onset to end; a contact put on another joint of the chain is dotted, a rebound hatched."""
+    """Areas from onset to end; a contact that another joint of the chain shows is dotted, a rebound hatched."""
     contacts = _contacts_near(log, joint, axes.get_xlim())
     with_onsets = _fit(len(contacts), ONSET_WIDTH, axes)
     for contact, end in contacts:
@@ -100,7 +100,7 @@ def mark_contacts(log: RunLog, joint: str, axes: Axes) -> None:
         if contact.kind == "rebound":
             style, color, label, onset = ":", GREY, "rebound reported", "onset of rebound"
             area = {"facecolor": "none", "edgecolor": color, "hatch": "///"}
-        elif contact.joint != joint:
+        elif contact.shown_by != joint:
             style, color = "-.", SKY
             label, onset = "contact elsewhere on limb, or trunk", "onset of contact elsewhere"
             area = {"facecolor": "none", "edgecolor": color, "hatch": "..."}
@@ -188,7 +188,7 @@ def _contacts_near(
     return [
         (contact, end)
         for contact, end in log.lasting_contacts()
-        if (contact.joint is None or contact.joint in chain)
+        if (contact.shown_by is None or contact.shown_by in chain)
         and _shown(contact.onset_time, end, limits)
     ]
 
@@ -364,7 +364,7 @@ def rows_between(log: RunLog, start: float | None, stop: float | None) -> BoolAr
 
 def _choose(log: RunLog) -> list[str]:
     """Return the joints worth a look, at most as many as fit side by side, in joint order."""
-    lasting = Counter(c.joint for c, _ in log.lasting_contacts() if c.joint is not None)
+    lasting = Counter(c.shown_by for c, _ in log.lasting_contacts() if c.shown_by is not None)
     best = [joint for joint, _ in lasting.most_common(COLUMNS) if joint in log.joint_names]
     if not best:
         travel = np.nan_to_num(np.ptp(log["sent_position"], axis=0))
@@ -501,7 +501,7 @@ def _joint_remarks(log: RunLog, signals: _Signals) -> list[str]:
     """Return the title of a joint: its name, how often it was touched, and what is not known of it."""
     joint, limits = signals.joint, _limits(signals.values["time"])
     near = [contact for contact, _ in _contacts_near(log, joint, limits)]
-    own = [contact.kind == "rebound" for contact in near if contact.joint == joint]
+    own = [contact.kind == "rebound" for contact in near if contact.shown_by == joint]
     remarks = [counted(own.count(False), "contact") + " reported on this joint"]
     if any(own):
         remarks.append(counted(own.count(True), "rebound"))
@@ -533,7 +533,7 @@ def _name_contacts(log: RunLog, joint: str, axes: Axes, kind: str) -> None:
     named = [
         (contact, end)
         for contact, end in _contacts_near(log, joint, (first, last))
-        if contact.joint == joint and contact.kind != "rebound"
+        if contact.shown_by == joint and contact.kind != "rebound"
     ]
     for contact, end in named if _fit(len(named), NAME_WIDTH, axes) else ():
         onset = max(contact.onset_time, first)
@@ -557,9 +557,9 @@ def _name_contacts(log: RunLog, joint: str, axes: Axes, kind: str) -> None:
 
 
 def _size(log: RunLog, contact: Contact, end: float) -> str:
-    """Return the largest torque of a contact with twice its standard deviation; without one the intensity."""
+    """Return the largest torque on the joint that shows a contact, with two standard deviations, or the intensity."""
     rows = (log["time"] >= contact.onset_time) & (log["time"] <= end)
-    index = log.joint_names.index(contact.joint or "")
+    index = log.joint_names.index(contact.shown_by or "")
     torque, std = (log[name][rows, index] for name in ("torque", "torque_std"))
     if not np.isfinite(torque).any():
         return f"{contact.intensity_deg:.1f} deg"

@@ -127,6 +127,7 @@ CONTACTS = JsonTopic(
         "limb": {"type": "string"},
         "limb_known": {"type": "boolean"},
         "joint": {"type": "string"},
+        "shown_by": {"type": "string"},
         "link": {"type": "string"},
         "direction": {"type": "integer", "enum": [-1, 1]},
         "intensity_deg": {"type": "number", "description": "[deg]"},
@@ -145,6 +146,7 @@ CONTACTS = JsonTopic(
     optional=frozenset(
         {
             "joint",
+            "shown_by",
             "torque",
             "torque_std",
             "force",

@@ -136,14 +136,14 @@ def residual_figure(
 
 
 def joints_to_show(log: RunLog, start: float, stop: float) -> list[str]:
-    """Return the joints on which most contacts were felt in a stretch of time, in joint order.
+    """Return the joints that showed most contacts in a stretch of time, in joint order.
 
     Without contacts it is the joint that came nearest to its threshold, and none where nothing was observed.
     """
     felt = Counter(
-        contact.joint
+        contact.shown_by
         for contact, end in log.lasting_contacts()
-        if contact.joint in log.joint_names and contact.onset_time <= stop and end >= start
+        if contact.shown_by in log.joint_names and contact.onset_time <= stop and end >= start
     )
     if felt:
         return sorted(
@@ -184,7 +184,7 @@ def _name_contacts(log: RunLog, joint: str, axes: Axes, size: float) -> None:
     first, last = axes.get_xlim()
     for contact, end in log.lasting_contacts():
         begin, end = max(contact.onset_time, first), min(end, last)
-        if contact.kind == "rebound" or contact.joint != joint:
+        if contact.kind == "rebound" or contact.shown_by != joint:
             continue
         if end - begin > MIN_NAMED * (last - first):
             axes.text(

@@ -340,6 +340,7 @@ def pretend_contact(
         kind=kind,
         limb=robot.limb_of(joint),
         joint=joint,
+        shown_by=joint,
         link=link,
         direction=1,
         intensity_deg=INTENSITY,

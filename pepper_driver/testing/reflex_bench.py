@@ -29,6 +29,7 @@ def make_contact(number: int = 1, phase: Phase = "begin", **changes: Any) -> Con
         "kind": "contact",
         "limb": load_robot().limb_of(changes.get("joint", "LShoulderRoll")),
         "joint": "LShoulderRoll",
+        "shown_by": "LShoulderRoll",
         "link": "LBicep",
         "direction": 1,
         "intensity_deg": 3.0,

@@ -114,7 +114,7 @@ class Curves:
     def _chosen(self, picture: Picture, felt: Iterable[Contact]) -> int:
         if self.choice.value != AUTOMATIC:
             return self._names.index(self.choice.value)
-        touched = [self._names.index(c.joint) for c in felt if c.joint is not None]
+        touched = [self._names.index(c.shown_by) for c in felt if c.shown_by is not None]
         if touched:
             self._since = picture.time
             if self._joint not in touched:

@@ -27,6 +27,7 @@ CONTACT = Contact(
     kind="contact",
     limb="left_arm",
     joint="LShoulderRoll",
+    shown_by="LShoulderRoll",
     link="LBicep",
     direction=1,
     intensity_deg=3.0,

@@ -40,6 +40,7 @@ CONTACT = Contact(
     kind="contact",
     limb="left_arm",
     joint=JOINT,
+    shown_by=JOINT,
     link="LBicep",
     direction=1,
     intensity_deg=3.0,

@@ -23,6 +23,7 @@ def contact(number: int = 0, **changes: Any) -> Contact:
         "kind": "contact",
         "limb": ROBOT.limb_of(changes.get("joint", "LElbowRoll")),
         "joint": "LElbowRoll",
+        "shown_by": "LElbowRoll",
         "link": "LForeArm",
         "direction": 1,
         "intensity_deg": 3.0,

@@ -143,6 +143,7 @@ class Samples:
             kind=("contact", "collision", "rebound")[number % 3],
             limb=ROBOT.limb_of(joint),
             joint=joint,
+            shown_by=joint,
             link=ROBOT.links[0],
             direction=1 if known else -1,
             intensity_deg=float(random.random()),

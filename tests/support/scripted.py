@@ -26,6 +26,7 @@ def contact(
         kind=kind,
         limb="left_arm",
         joint="LShoulderRoll",
+        shown_by="LShoulderRoll",
         link="LBicep",
         direction=1,
         intensity_deg=3.0,

@@ -64,10 +64,11 @@ def touched(
 def told(
     number: int, begin: float, end: float | None, limb: str = "left_arm", **changes: Any
 ) -> Iterator[Heard]:
-    """Begin and end of a contact; it names the joint that touches of the limb turn most."""
+    """Begin and end of a contact; it names, and is shown by, the joint that touches of the limb turn most."""
     torques = TORQUES.get(limb, {"RElbowRoll": 1.0})
     joint = None if limb == "trunk" else max(torques, key=torques.__getitem__)
     values: dict[str, Any] = {"kind": "contact", "joint": joint, "direction": 1, **changes}
+    values.setdefault("shown_by", values["joint"])
     yield Heard(id=number, phase="begin", time=begin, limb=limb, **values)
     if end is not None:
         yield Heard(id=number, phase="end", time=end, limb=limb, **values)

@@ -82,6 +82,7 @@ class RestingObserver(Observer):
             kind="contact",
             limb=self._robot.limb_of(self._robot.joint_names[joint]),
             joint=self._robot.joint_names[joint],
+            shown_by=self._robot.joint_names[joint],
             link=self._robot.joints[joint].child,
             direction=1 if residual < 0.0 else -1,  # of the torque: the joint gives way to it
             intensity_deg=float(np.degrees(abs(residual))),

@@ -82,13 +82,13 @@ class Touched:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Heard:
-    """One event of a contact that a callback would get: its begin, its end, or an update of joint, direction or kind.
+    """One event of a contact that a callback would get: its begin, its end, or an update of place, direction or kind.
 
     Attributes:
         id: Number of the contact.
         phase: As of :class:`pepper_driver.observer.Contact`.
         time: When the callback gets it: clock of the tick that reports it [s].
-        kind, limb, limb_known, joint, direction: As of :class:`pepper_driver.observer.Contact`.
+        kind, limb, limb_known, joint, shown_by, direction: As of :class:`pepper_driver.observer.Contact`.
     """
 
     id: int
@@ -98,6 +98,7 @@ class Heard:
     limb: str
     limb_known: bool = True
     joint: str | None
+    shown_by: str | None = None
     direction: int
 
 

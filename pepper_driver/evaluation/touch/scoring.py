@@ -47,7 +47,7 @@ class FalseEvent:
 
     Attributes:
         time: When the callback got it [s].
-        limb, joint: As the event has them.
+        limb, shown_by: As the event has them.
         move: True if a contact moved there, False if it began there.
         rebound: True if it called itself a rebound.
         after_release: True if a touch on the same limb ended FELT_GRACE to AFTER_RELEASE before.
@@ -56,7 +56,7 @@ class FalseEvent:
 
     time: float
     limb: str
-    joint: str | None
+    shown_by: str | None
     move: bool
     rebound: bool
     after_release: bool
@@ -185,6 +185,7 @@ def heard(contacts: Iterable[Contact]) -> tuple[Heard, ...]:
     for contact in contacts:
         told = (
             contact.joint,
+            contact.shown_by,
             contact.limb,
             contact.limb_known,
             contact.direction,
@@ -202,6 +203,7 @@ def heard(contacts: Iterable[Contact]) -> tuple[Heard, ...]:
                 limb=contact.limb,
                 limb_known=contact.limb_known,
                 joint=contact.joint,
+                shown_by=contact.shown_by,
                 direction=contact.direction,
             )
         )
@@ -361,9 +363,13 @@ def _alarms(track: _Track) -> Iterable[_Alarm]:
     yield _Alarm(event=track.events[0], track=track, move=False, arrives=True)
     for before, event in zip(track.events, track.events[1:], strict=False):
         turned = before.kind == "rebound" and event.kind != "rebound"
-        if turned or (event.limb, event.joint) != (before.limb, before.joint):
+        if turned or _place(event) != _place(before):
             arrives = turned or event.limb != before.limb
             yield _Alarm(event=event, track=track, move=True, arrives=arrives)
+
+
+def _place(event: Heard) -> tuple[str | None, ...]:
+    return event.limb, event.joint, event.shown_by
 
 
 def _within(touch: Touched, time: float, after: float) -> bool:
@@ -385,7 +391,7 @@ def _false_event(alarm: _Alarm, touches: Sequence[Touched]) -> FalseEvent:
     return FalseEvent(
         time=time,
         limb=limb,
-        joint=alarm.event.joint,
+        shown_by=alarm.event.shown_by,
         move=alarm.move,
         rebound=alarm.event.kind == "rebound",
         after_release=any(

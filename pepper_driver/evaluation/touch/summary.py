@@ -443,7 +443,7 @@ def _false_kinds(
 
 
 def _is(name_of: Callable[[str, str | None], str], name: str, event: FalseEvent) -> bool:
-    return name_of(event.limb, event.joint) == name
+    return name_of(event.limb, event.shown_by) == name
 
 
 def _joint(limb: str, joint: str | None) -> str:

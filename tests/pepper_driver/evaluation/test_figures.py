@@ -84,10 +84,10 @@ def test_onsets_elsewhere_look_different() -> None:
     """A contact is where its last event puts it; its onset is an estimate."""
     contacts = (
         contact(1, 2.1),
-        replace(contact(2, 5.0), joint="LShoulderPitch"),
+        replace(contact(2, 5.0), shown_by="LShoulderPitch"),
         replace(contact(3, 8.0), kind="rebound"),
         contact(4, 11.0),
-        replace(contact(4, 11.0), joint=None, phase="update"),
+        replace(contact(4, 11.0), joint=None, shown_by=None, phase="update"),
     )
     figure = contact_figure({"LSRoll": [trace("fusion", contacts=contacts)]}, ROBOT)
     (axes,) = panels(figure, "residual")

@@ -136,7 +136,7 @@ def test_lowered_forces_are_counted_by_place() -> None:
 
 def test_false_contacts_are_counted_by_suite_law_state_robot_part_and_joint() -> None:
     wrist = list(told(1, 100.0, 130.0, "right_arm", joint="RWristYaw"))
-    moved = replace(wrist[0], phase="update", time=110.0, joint="RElbowRoll")
+    moved = replace(wrist[0], phase="update", time=110.0, shown_by="RElbowRoll")
     events = [wrist[0], moved, wrist[1], *told(2, 200.0, 201.0, "trunk")]
     free = standing((), events, suite="free", state="driving")
     quiet = standing((), (), suite="free", seconds=1800.0)

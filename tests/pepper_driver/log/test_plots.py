@@ -33,7 +33,8 @@ def contact(joint: str | None, onset: float, **changes: Any) -> Contact:
         "phase": "begin",
         "kind": "contact",
         "limb": ROBOT.limb_of(joint),
-        "joint": joint,
+        "joint": "HeadYaw",  # another one than the one that is drawn
+        "shown_by": joint,
         "link": "somewhere",
         "direction": 1,
         "intensity_deg": 3.0,

@@ -61,7 +61,7 @@ def test_joints_in_degrees_have_one_scale(log: RunLog) -> None:
 def test_contacts_are_shaded_and_named_and_the_legend_has_each_line_once(log: RunLog) -> None:
     joints = joints_to_show(log, START, STOP)
     figure = residual_figure(log, joints, START, STOP, 700, 720)
-    contact = next(c for c, _ in log.lasting_contacts() if c.joint == joints[0])
+    contact = next(c for c, _ in log.lasting_contacts() if c.shown_by == joints[0])
     texts = [text.get_text() for text in figure.axes[0].texts]
     assert f"{contact.kind}\n{in_words(contact.link)}" in texts
     (legend,) = figure.legends
@@ -76,11 +76,11 @@ def test_contacts_are_shaded_and_named_and_the_legend_has_each_line_once(log: Ru
 
 
 def test_joints_with_contacts_are_shown_and_no_more_than_have_room(log: RunLog) -> None:
-    touched = {c.joint for c, _ in log.lasting_contacts()}
+    touched = {c.shown_by for c, _ in log.lasting_contacts()}
     assert set(joints_to_show(log, START, STOP)) <= touched
     first = log.contacts[0]
     many = [
-        replace(first, id=100 + k, joint=joint, phase="end")
+        replace(first, id=100 + k, shown_by=joint, phase="end")
         for k, joint in enumerate(log.joint_names[5:10])
     ]
     shown = joints_to_show(replace(log, contacts=many), START, STOP)

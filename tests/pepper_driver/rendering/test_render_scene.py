@@ -198,6 +198,7 @@ def touch(torque: float | None) -> Contact:
         kind="contact",
         limb="left_arm",
         joint="LShoulderRoll",
+        shown_by="LShoulderRoll",
         link="LBicep",
         direction=1,
         intensity_deg=2.0,

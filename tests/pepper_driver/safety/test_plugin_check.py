@@ -444,6 +444,7 @@ def test_the_fault_names_the_reflex_and_its_line() -> None:
         kind="contact",
         limb="left_arm",
         joint="LShoulderRoll",
+        shown_by="LShoulderRoll",
         link="LBicep",
         direction=1,
         intensity_deg=3.0,

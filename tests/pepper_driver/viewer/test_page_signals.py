@@ -28,7 +28,8 @@ def contact(number: int, onset: float, end: float, **changes: Any) -> Contact:
         "kind": "contact",
         "limb": "left_arm",
         "link": "LBicep",
-        "joint": "LShoulderRoll",
+        "joint": "LShoulderPitch",
+        "shown_by": "LShoulderRoll",
         "direction": 1,
         "intensity_deg": 3.0,
         "torque": 2.0,
@@ -72,7 +73,7 @@ def shown(curves: Curves, moment: Picture, *felt: Contact) -> float:
     return float(np.asarray(curves._residual.data[1])[0])
 
 
-def test_the_joint_of_a_contact_is_shown_though_another_has_a_larger_residual(
+def test_the_joint_that_shows_a_contact_is_drawn_though_another_has_a_larger_residual(
     curves: Curves,
 ) -> None:
     touch = contact(1, 0.0, 1.0)
