@@ -8,6 +8,7 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.kernels import Out, Records, kernel, make_records
 from pepper_driver.observer.constants import (
     CORRECTION_TIME,
+    PUSH_TICKS,
     QUIET_RATIO,
     SETTLING_TICKS,
     UNSURE_FACTOR,
@@ -21,11 +22,13 @@ class DoubtState:
         rest_time: For which its model has been at rest [s].
         alone_ticks: For which its model has differed from the position without the torque that this would take.
         stray_ticks: For which its threshold stays raised.
+        loud_ticks: For which its residual has been beyond QUIET_RATIO of its threshold.
     """
 
     rest_time: float
     alone_ticks: int
     stray_ticks: int
+    loud_ticks: int
 
 
 @kernel
@@ -59,7 +62,9 @@ def _doubt(
 ) -> None:
     for j in range(len(doubtful)):
         state, quiet, off = states[j], QUIET_RATIO * threshold[j], abs(model[j])
-        alone = off > quiet and abs(residual[j]) <= quiet and not (moving[j] or blind[j])
+        loud = abs(residual[j]) > quiet
+        state.loud_ticks = state.loud_ticks + 1 if loud else 0
+        alone = off > quiet and not (loud or moving[j] or blind[j])
         state.alone_ticks = state.alone_ticks + 1 if alone else 0
         strays = state.alone_ticks >= SETTLING_TICKS
         doubtful[j] = strays and off > threshold[j]
@@ -87,7 +92,14 @@ class JointDoubt:
     def reset(self) -> None:
         """Begin with joints that have been at rest for long."""
         self._states["rest_time"] = CORRECTION_TIME
-        self._states["alone_ticks"], self._states["stray_ticks"] = 0, 0
+        for name in ("alone_ticks", "stray_ticks", "loud_ticks"):
+            self._states[name] = 0
+
+    @property
+    def fresh(self) -> BoolArray:
+        """(n,) joints whose residual is not older than a push that begins: it was quiet PUSH_TICKS ago."""
+        fresh: BoolArray = self._states["loud_ticks"] <= PUSH_TICKS
+        return fresh
 
     def raise_thresholds(
         self, threshold: FloatArray, load_doubt: FloatArray, moving: BoolArray

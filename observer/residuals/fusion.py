@@ -453,11 +453,13 @@ class FusionGenerator:
             base = self._base.step(tick, late_ticks > 0, lost, falls_behind)
             if self._confirms(base[1]):
                 # What shakes the base shakes all limbs a little: the one that shows most of it.
-                limbs = self._limb_numbers
-                ratio = np.where((limbs == 0) | blind, 0.0, np.abs(filtered) / threshold)
+                # What a joint has shown for longer is of another push, or of none.
+                limbs, fresh = self._limb_numbers, self._doubt.fresh
+                candidates = fresh & (limbs != 0) & ~blind
+                ratio = np.where(candidates, np.abs(filtered) / threshold, 0.0)
                 largest = np.argmax(ratio)
                 if ratio[largest] > 0.0:
-                    threshold[limbs == limbs[largest]] *= CONFIRMING_RATIO
+                    threshold[fresh & (limbs == limbs[largest])] *= CONFIRMING_RATIO
         self._join_limbs(self._limbs, self._limb_count, filtered, threshold)
         self._follow_hands(both, threshold, self._hands, filtered)
         torque, torque_std = self._torque.step(

@@ -169,12 +169,16 @@ def test_without_the_part_a_push_on_the_base_lowers_nothing() -> None:
     np.testing.assert_allclose(thresholds([True] * 40, parts=FusionParts(confirmation=False)), 1.0)
 
 
-def begins(ratio: float, push: bool, *, confirmation: bool = True) -> list[Contact]:
+def begins(
+    ratio: float, push: bool, *, earlier: int = 0, confirmation: bool = True
+) -> list[Contact]:
+    """Begins of a touch; the joint shows it some ticks earlier than the base."""
     observer = fusion_observer(base=BASE, parts=FusionParts(confirmation=confirmation))
     events: list[Contact] = []
     for k in range(BEFORE + 100):
         now = BEFORE <= k < BEFORE + 60
-        one = touched(k, base=push and now, **({"LElbowRoll": ratio} if now else {}))
+        shown = BEFORE - earlier <= k < BEFORE + 60
+        one = touched(k, base=push and now, **({"LElbowRoll": ratio} if shown else {}))
         events += observer.step(one).contacts
     return [event for event in events if event.phase == "begin"]
 
@@ -198,6 +202,15 @@ def test_a_weak_touch_on_a_limb_that_moves_the_base_is_found_on_the_limb() -> No
     # One that hardly shows on the limb is one on the base.
     [weak] = begins(0.5 * CONFIRMING_RATIO, push=True)
     assert weak.limb == "trunk"
+
+
+@pytest.mark.parametrize(
+    ("earlier", "limb"), [(PUSH_TICKS - 4, "left_arm"), (PUSH_TICKS + 4, "trunk")]
+)
+def test_what_a_joint_shows_for_long_is_not_confirmed(earlier: int, limb: str) -> None:
+    """A worn wrist rests off its place, and a base that begins to drive looks pushed: no one touches the arm."""
+    [found] = begins(0.7, push=True, earlier=earlier)
+    assert found.limb == limb
 
 
 def test_the_lower_threshold_is_not_the_one_that_learns() -> None:
