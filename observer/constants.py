@@ -39,6 +39,9 @@ residual and threshold in a limb, below which the contact only shakes a joint.""
 UNSURE_FACTOR = 2.0
 """On a threshold that does not hold now: while the safety gate alters the command, and in doubt."""
 
+HELD_FACTOR = 1.2
+"""On the threshold of a joint that is to move, or was CORRECTION_TIME ago, and does not slide for SETTLING_TICKS."""
+
 CONFIRMING_RATIO = 0.55
 """On the thresholds of the limb that shows most, just after the base was pushed: one sign confirms the other."""
 
@@ -73,7 +76,7 @@ REST_SPEED = 0.02
 """[rad/s] Up to it a joint counts as at rest. Friction may hold it."""
 
 STANDSTILL_SPEED = 0.005
-"""[m/s], [rad/s] Commanded speed below which the base stands: friction holds its wheels."""
+"""[m/s], [rad/s] Commanded speed below which the base, or a joint, is not to move."""
 
 ROCKING_SPEED = 0.2
 """[rad/s] Desired speed of joints below which they do not rock the base."""

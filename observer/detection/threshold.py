@@ -3,7 +3,8 @@
 The spread of a residual in free motion differs between joints by a factor of ten, between days by less than two. It
 starts as identified, and follows the robot of today slowly. How large a multiple is needed depends on the number of
 false contacts that are allowed: the tail of the spread is exponential. It is long at rest and while a joint breaks
-away, which it does sooner or later than its model, and short in motion that lasts.
+away, and short in motion that lasts. A joint that is commanded to move and does not slide yet breaks away sooner or
+later than its model: its threshold is HELD_FACTOR times as high, until its model has followed it at rest.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ import numpy as np
 from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray
 from pepper_driver.config.kernels import Out, Records, kernel, make_records
 from pepper_driver.observer.constants import (
+    CORRECTION_TIME,
     EXCURSIONS,
+    HELD_FACTOR,
     MAX_CHANGE,
     MIN_SPREAD,
     MIN_TORQUE,
@@ -25,6 +28,7 @@ from pepper_driver.observer.constants import (
     RISE,
     SETTLING_TICKS,
     SLIDING_TAIL,
+    STANDSTILL_SPEED,
     TAIL,
     UNSURE_FACTOR,
 )
@@ -110,9 +114,12 @@ def _threshold(
     lowest: FloatArray,
     fastest: FloatArray,
     speed: FloatArray,
+    desired: FloatArray,
     limited: BoolArray,
     touched: BoolArray,
+    rest_ticks: int,
     sliding_ticks: Out[IntArray],
+    still_ticks: Out[IntArray],
     moving: Out[BoolArray],
     phase: Out[IntArray],
     held: Out[FloatArray],
@@ -128,8 +135,11 @@ def _threshold(
             phase[j] = BREAKAWAY
         else:
             phase[j] = SLIDING
-        spread = spreads[phase[j] * n + j]
-        threshold[j] = np.maximum(spread.today * factors[phase[j]], lowest[j])
+        spread, factor = spreads[phase[j] * n + j], factors[phase[j]]
+        still_ticks[j] = still_ticks[j] + 1 if abs(desired[j]) < STANDSTILL_SPEED else 0
+        if phase[j] != SLIDING and still_ticks[j] <= rest_ticks:
+            factor *= HELD_FACTOR
+        threshold[j] = np.maximum(spread.today * factor, lowest[j])
         if touched[j]:
             # A hand holds on while a joint turns or stops: its touch is over when it is.
             threshold[j] = min(threshold[j], held[j])
@@ -176,6 +186,7 @@ class SpreadThreshold:
         self._identified, self._cycle, self._adapt = np.fmax(spread, MIN_SPREAD), cycle, adapt
         self._identified[np.isnan(spread)] = np.nan
         self.factors, self._lowest = phase_factors(false_contacts), MIN_TORQUE * load_gain
+        self._rest_ticks = round(CORRECTION_TIME / cycle)
         self._step, self._learn = _threshold.load(), _learn.load()
         self.reset()
 
@@ -187,6 +198,7 @@ class SpreadThreshold:
         )
         self._speeds = RunningMaximum(PUSH_TICKS * self._cycle, self._cycle, n)
         self._sliding_ticks = np.zeros(n, dtype=np.int64)
+        self._still_ticks = np.full(n, self._rest_ticks)
         self._touched, self._held = np.zeros(n, dtype=np.bool_), np.full(n, np.inf)
         self.moving, self.phase = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.int64)
 
@@ -204,11 +216,12 @@ class SpreadThreshold:
         change: FloatArray = (self._spreads["today"] / self._spreads["identified"])[SLIDING * n :]
         return change
 
-    def step(self, speed: FloatArray, limited: BoolArray) -> FloatArray:
+    def step(self, speed: FloatArray, desired: FloatArray, limited: BoolArray) -> FloatArray:
         """Take in one tick; return (n,) thresholds [rad].
 
         Args:
             speed: (n,) without touch [rad/s]: of the stick-slip models, which friction holds as it does the joints.
+            desired: (n,) velocity that is commanded [rad/s].
             limited: (n,) where the safety gate altered the command.
         """
         threshold = np.empty(len(speed))
@@ -218,9 +231,12 @@ class SpreadThreshold:
             self._lowest,
             self._speeds.push(speed),
             speed,
+            desired,
             limited,
             self._touched,
+            self._rest_ticks,
             self._sliding_ticks,
+            self._still_ticks,
             self.moving,
             self.phase,
             self._held,

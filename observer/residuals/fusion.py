@@ -443,7 +443,7 @@ class FusionGenerator:
         if bad is not None:
             raw[bad] = np.nan
         blind = self._blind(bad, measured)
-        own = self._threshold.step(prediction.speed, limited)
+        own = self._threshold.step(prediction.speed, prediction.velocity, limited)
         moving = self._threshold.moving
         load_doubt = self._no_doubt if self._loads is None else self._loads.doubt
         alone = self._doubt.raise_thresholds(own, load_doubt, moving)

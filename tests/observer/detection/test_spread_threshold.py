@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.kernels import make_records
 from pepper_driver.observer.constants import (
+    CORRECTION_TIME,
     EXCURSIONS,
+    HELD_FACTOR,
     MAX_CHANGE,
     MIN_SPREAD,
     MIN_TORQUE,
@@ -39,6 +41,7 @@ FALSE_CONTACTS = 0.1
 FACTOR = 1.0 + 0.37 * math.log(50_000.0)
 SLIDING_FACTOR = 1.0 + 0.15 * math.log(50_000.0)
 MEMORY = PUSH_TICKS
+RESTED = round(CORRECTION_TIME / CYCLE)
 LN_100 = math.log(100.0)
 NORMAL_QUANTILE = 2.5758  # of the size of standard normal numbers, 0.99
 
@@ -62,7 +65,7 @@ def made(
 def step(target: SpreadThreshold, speed: float = 0.0, *, limited: bool = False) -> FloatArray:
     """Thresholds of a tick in which all joints are to move at this speed."""
     n = len(target.moving)
-    return target.step(np.full(n, speed), np.full(n, limited))
+    return target.step(np.full(n, speed), np.full(n, speed), np.full(n, limited))
 
 
 def slide(target: SpreadThreshold) -> FloatArray:
@@ -176,16 +179,18 @@ def test_threshold_is_that_of_the_phase_of_the_motion() -> None:
     np.testing.assert_allclose(step(target), FACTOR * np.array([0.01, 0.02]), rtol=1e-4)
     speeds, no = np.array([1.01 * REST_SPEED, -0.99 * REST_SPEED]), np.zeros(2, dtype=np.bool_)
     for k in range(SETTLING_TICKS + 10):
-        threshold = target.step(speeds, no)
+        threshold = target.step(speeds, speeds, no)
         slides = k >= SETTLING_TICKS
-        expected = SLIDING_FACTOR * 0.02 if slides else FACTOR * 0.03
-        np.testing.assert_allclose(threshold, [expected, FACTOR * 0.02], rtol=1e-4)
+        expected = SLIDING_FACTOR * 0.02 if slides else HELD_FACTOR * FACTOR * 0.03
+        held = HELD_FACTOR * FACTOR * 0.02
+        np.testing.assert_allclose(threshold, [expected, held], rtol=1e-4)
         np.testing.assert_array_equal(target.moving, [True, False])
         np.testing.assert_array_equal(target.phase, [SLIDING if slides else BREAKAWAY, REST])
     # A joint that stops, as one that turns back does, will break away; after a while it rests.
-    for k in range(MEMORY + 1):
+    for k in range(RESTED + 10):
         moving = k < MEMORY - 1
-        assert step(target)[0] == pytest.approx(FACTOR * (0.03 if moving else 0.01), rel=1e-4)
+        factor = FACTOR if k >= RESTED else HELD_FACTOR * FACTOR
+        assert step(target)[0] == pytest.approx(factor * (0.03 if moving else 0.01), rel=1e-4)
         assert target.moving[0] == moving
     np.testing.assert_allclose(target.bounds, FACTOR * np.array([0.03, 0.05]), rtol=1e-4)
 
@@ -218,7 +223,7 @@ def test_each_phase_learns_on_its_own_and_each_joint_that_is_seen(phase: int) ->
         target.learn(np.array([0.05 if k % 10 else 0.0, 0.05]), np.array([True, False]))
     assert target.change[0] == pytest.approx(MAX_CHANGE if phase == SLIDING else 1.0)
     assert target.change[1] == 1.0
-    for _ in range(MEMORY):
+    for _ in range(RESTED + 1):
         threshold = step(target)
     found = [threshold, step(target, 1.0), slide(target)]
     for number, before in enumerate((at_rest, breaking_away, sliding)):
@@ -244,7 +249,7 @@ def test_a_command_that_the_gate_alters_doubles_the_threshold_as_long_as_it_does
     target = made((0.01,) * 3, (1e-5,) * 3, load_gain=0.25)
     plain = step(target)
     np.testing.assert_allclose(
-        target.step(np.zeros(2), np.array([True, False])), plain * [UNSURE_FACTOR, 1.0]
+        target.step(np.zeros(2), np.zeros(2), np.array([True, False])), plain * [UNSURE_FACTOR, 1.0]
     )
     np.testing.assert_allclose(step(target, limited=True), plain * UNSURE_FACTOR)
     np.testing.assert_array_equal(step(target), plain)
@@ -289,7 +294,7 @@ def test_a_touch_keeps_its_threshold_while_the_joint_turns_and_stops() -> None:
     # A command that the gate alters doubles it all the same.
     assert step(target, limited=True)[0] == pytest.approx(UNSURE_FACTOR * low)
     target.hold(np.zeros(2, dtype=np.bool_))
-    assert step(target)[0] == pytest.approx(FACTOR * 0.05, rel=1e-4)
+    assert step(target)[0] == pytest.approx(HELD_FACTOR * FACTOR * 0.05, rel=1e-4)
 
 
 def test_a_touch_that_nothing_reports_does_not_widen_the_threshold_of_a_joint_that_swings() -> None:
