@@ -177,7 +177,8 @@ class ContactObserver(Observer):
         self._none_settled = np.zeros(len(no_model), dtype=np.bool_)
         self._window = window
         # Kernels do not look at the sizes of arrays.
-        self._sizes = (len(robot.joint_names),) * 8 + (len(robot.wheels.names),) * 2
+        wheels = len(robot.wheels.names)
+        self._sizes = (len(robot.joint_names),) * 8 + (wheels,) * 2 + (3,) * 2
         self.reset()
 
     def reset(self) -> None:
@@ -305,7 +306,7 @@ class ContactObserver(Observer):
         """Take in one tick; never raises for bad sensor values.
 
         Raises:
-            ArgumentError: An array of the tick has not one value for each joint, or for each wheel.
+            ArgumentError: An array of the tick has not one value for each joint, wheel or axis.
         """
         if _sizes(tick) != self._sizes:
             raise ArgumentError(f"a tick has arrays of {_sizes(tick)}, not of {self._sizes} values")
@@ -374,6 +375,8 @@ def _sizes(tick: Tick) -> tuple[int, ...]:
         len(measurement.current),
         len(sent.wheel_speed),
         len(measurement.wheel_speed),
+        len(measurement.imu.acceleration),
+        len(measurement.imu.angular_velocity),
     )
 
 

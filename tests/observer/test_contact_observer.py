@@ -222,6 +222,15 @@ def test_ticks_of_another_robot_are_refused(mode: str, size: int, part: str, nam
         MODES[mode]().step(other)
 
 
+@pytest.mark.parametrize("name", ["acceleration", "angular_velocity"])
+def test_an_inertial_unit_of_two_axes_is_refused(name: str) -> None:
+    one = tick(0)
+    imu = replace(one.measurement.imu, **{name: np.zeros(2)})
+    other = replace(one, measurement=replace(one.measurement, imu=imu))
+    with pytest.raises(ArgumentError, match="arrays of"):
+        MODES["fusion"]().step(other)
+
+
 @pytest.mark.parametrize("age", [0.031, 5.0, math.nan, math.inf])
 def test_a_stale_sample_makes_all_joints_blind(age: float) -> None:
     stale = tick(30, 0.5, age=age)
