@@ -46,7 +46,7 @@ from pepper_driver.observer import (
     Recording,
     shipped,
 )
-from pepper_driver.observer.constants import CONFIRMING_RATIO
+from pepper_driver.observer.constants import CONFIRMING_RATIO, HELD_FACTOR
 from pepper_driver.observer.detection.threshold import REST, SLIDING, spread_thresholds
 from pepper_driver.observers import make_observer
 from support.evaluation import CYCLE, INDEX, JOINT, JOINTS, ROBOT, Script, contact, recording
@@ -160,13 +160,20 @@ def thresholds(phase: int) -> FloatArray:
     )
 
 
+def first_thresholds() -> FloatArray:
+    """Of the first tick, in which one joint is to move and friction holds it."""
+    first = thresholds(REST)
+    first[INDEX] *= HELD_FACTOR
+    return first
+
+
 def test_momentum_with_our_threshold() -> None:
     """The residual of ours by the current alone, each joint by its spread, and no base."""
     adaptive = observe(made("momentum-adaptive"), ticks=1)[0]
     bare = observe(made("fusion-without-model"), ticks=1)[0]
     np.testing.assert_array_equal(adaptive.residual, bare.residual)
     # No joint slides in the first tick; later one does, and its spread has begun to learn.
-    np.testing.assert_allclose(adaptive.threshold, thresholds(REST))
+    np.testing.assert_allclose(adaptive.threshold, first_thresholds())
     later = observe(made("momentum-adaptive"), ticks=60)[-1].threshold / thresholds(REST)
     assert later[INDEX] == pytest.approx(
         thresholds(SLIDING)[INDEX] / thresholds(REST)[INDEX], rel=0.1
@@ -228,7 +235,7 @@ def test_without_bias_the_residual_keeps_what_does_not_change() -> None:
 
 
 def test_without_loads_the_residual_is_that_of_empty_hands() -> None:
-    run = replace(RUN, position=RUN.sent_position - 0.003, current=RUN.current + 0.3)
+    run = replace(RUN, position=RUN.sent_position - 0.001)
     ours, without = (
         np.array([o.residual for o in observe(made(name), run)])
         for name in ("fusion", "fusion-without-loads")
@@ -237,12 +244,12 @@ def test_without_loads_the_residual_is_that_of_empty_hands() -> None:
     others = [j for j in range(JOINTS) if j not in arms]
     # The others differ by the ticks in which their bias learns.
     change = np.abs(ours - without).max(axis=0)
-    assert change[arms].max() > 1e-5 > 1e-6 > change[others].max()
+    assert change[arms].max() > 1e-4 > 1e-6 > change[others].max()
 
 
 def test_without_limbs_each_joint_is_judged_alone() -> None:
     ours, without = observe(made("fusion")), observe(made("fusion-without-limbs"))
-    np.testing.assert_allclose(without[0].threshold[INDEX], thresholds(REST)[INDEX])
+    np.testing.assert_allclose(without[0].threshold[INDEX], first_thresholds()[INDEX])
     both, alone = (np.array([o.threshold for o in seen]) for seen in (ours, without))
     lower = np.array((both < alone - 1e-9).any(axis=0), dtype=np.bool_)
     assert lower[[ROBOT.joint_index("LElbowRoll"), INDEX]].all()
