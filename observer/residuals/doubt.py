@@ -21,13 +21,13 @@ class DoubtState:
     Attributes:
         rest_time: For which its model has been at rest [s].
         alone_ticks: For which its model has differed from the position without the torque that this would take.
-        stray_ticks: For which its threshold stays raised.
+        raised_ticks: For which its threshold stays raised.
         loud_ticks: For which its residual has been beyond QUIET_RATIO of its threshold.
     """
 
     rest_time: float
     alone_ticks: int
-    stray_ticks: int
+    raised_ticks: int
     loud_ticks: int
 
 
@@ -47,7 +47,7 @@ def _raise_thresholds(
         if state.rest_time < CORRECTION_TIME:
             own[j] += UNSURE_FACTOR * load_doubt[j]
         # Where a board follows another target, the current alone can show a touch.
-        raised[j] = UNSURE_FACTOR * own[j] if state.stray_ticks > 0 else own[j]
+        raised[j] = UNSURE_FACTOR * own[j] if state.raised_ticks > 0 else own[j]
 
 
 @kernel
@@ -66,14 +66,14 @@ def _doubt(
         state.loud_ticks = state.loud_ticks + 1 if loud else 0
         alone = off > quiet and not (loud or moving[j] or blind[j])
         state.alone_ticks = state.alone_ticks + 1 if alone else 0
-        strays = state.alone_ticks >= SETTLING_TICKS
-        doubtful[j] = strays and off > threshold[j]
+        rests_off = state.alone_ticks >= SETTLING_TICKS
+        doubtful[j] = rests_off and off > threshold[j]
         if blind[j]:
-            state.stray_ticks = SETTLING_TICKS
-        elif strays or (state.stray_ticks > 0 and off > quiet):
-            state.stray_ticks = max(state.stray_ticks - 1, 1)
+            state.raised_ticks = SETTLING_TICKS
+        elif rests_off or (state.raised_ticks > 0 and off > quiet):
+            state.raised_ticks = max(state.raised_ticks - 1, 1)
         else:
-            state.stray_ticks = max(state.stray_ticks - 1, 0)
+            state.raised_ticks = max(state.raised_ticks - 1, 0)
 
 
 class JointDoubt:
@@ -92,7 +92,7 @@ class JointDoubt:
     def reset(self) -> None:
         """Begin with joints that have been at rest for long."""
         self._states["rest_time"] = CORRECTION_TIME
-        for name in ("alone_ticks", "stray_ticks", "loud_ticks"):
+        for name in ("alone_ticks", "raised_ticks", "loud_ticks"):
             self._states[name] = 0
 
     @property
