@@ -37,9 +37,10 @@ QUIET_RATIO = 0.5
 residual and threshold in a limb, below which the contact only shakes a joint."""
 
 UNSURE_FACTOR = 2.0
-"""On a threshold that does not hold now: while the safety gate alters the command, and in doubt."""
+"""On a threshold that does not hold now: while the safety gate alters the command, and in doubt. By it the current of a
+board may be smaller than the output of its law, and still show it."""
 
-HELD_FACTOR = 1.2
+HELD_FACTOR = 1.4
 """On the threshold of a joint that is to move, or was CORRECTION_TIME ago, and does not slide for SETTLING_TICKS."""
 
 CONFIRMING_RATIO = 0.55
@@ -73,10 +74,7 @@ LOAD_PLACE_STD = 0.03
 # -- motion -----------------------------------------------------------------------------------------------------------
 
 REST_SPEED = 0.02
-"""[rad/s] Up to it a joint counts as at rest. Friction may hold it."""
-
-STANDSTILL_SPEED = 0.005
-"""[m/s], [rad/s] Commanded speed below which the base, or a joint, is not to move."""
+"""[rad/s], [m/s] Up to it a joint counts as at rest, and the base as standing. Friction may hold it."""
 
 ROCKING_SPEED = 0.2
 """[rad/s] Desired speed of joints below which they do not rock the base."""
@@ -86,18 +84,15 @@ SHAKING_ACCELERATION = 8.0
 
 # -- sign of the current ----------------------------------------------------------------------------------------------
 
-MIN_DRIVE = np.radians(0.5)
-"""[rad] Output of the law of a board below which its sign is not known."""
+MIN_DRIVE = np.radians(0.75)
+"""[rad] Output of the law of a board up to which its sign is not known; UNSURE_FACTOR smaller is a current that shows
+none."""
 
 MAX_STRAY = np.radians(4.0)
 """[rad] Output of the law beyond which a board does not only follow another target: recorded ones are off by less."""
 
-ANSWER_RATIO = 0.65
-"""Fraction of the output of its law that the current of a board must show, so that this output determines its sign.
-Below this fraction of its recent size a current may be reversing: it passes zero then, and is smoothed."""
-
-ANSWER_TICKS = 3
-"""For which the current must have shown it: boards sometimes follow another target for a moment."""
+REVERSAL_RATIO = 0.3
+"""Fraction of its recent size below which a current may reverse: it passes zero then, and is smoothed."""
 
 # -- end and place ----------------------------------------------------------------------------------------------------
 

@@ -28,7 +28,6 @@ from pepper_driver.observer.constants import (
     RISE,
     SETTLING_TICKS,
     SLIDING_TAIL,
-    STANDSTILL_SPEED,
     TAIL,
     UNSURE_FACTOR,
 )
@@ -136,7 +135,7 @@ def _threshold(
         else:
             phase[j] = SLIDING
         spread, factor = spreads[phase[j] * n + j], factors[phase[j]]
-        still_ticks[j] = still_ticks[j] + 1 if abs(desired[j]) < STANDSTILL_SPEED else 0
+        still_ticks[j] = still_ticks[j] + 1 if abs(desired[j]) <= REST_SPEED else 0
         if phase[j] != SLIDING and still_ticks[j] <= rest_ticks:
             factor *= HELD_FACTOR
         threshold[j] = np.maximum(spread.today * factor, lowest[j])

@@ -18,10 +18,10 @@ from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
     CORRECTION_TIME,
     QUIET_RATIO,
+    REST_SPEED,
     ROCKING_SPEED,
     SETTLING_TICKS,
     SHAKING_ACCELERATION,
-    STANDSTILL_SPEED,
     TAIL,
 )
 from pepper_driver.observer.detection.threshold import (
@@ -68,7 +68,7 @@ def _respond(
     legs: IntArray,
     inverse: Matrix[FloatArray],
     response: Block[FloatArray],
-    standing_delay: int,
+    settling: int,
     ticks: Out[Records[BaseTicks]],
     predicted: Out[FloatArray],
 ) -> int:
@@ -84,7 +84,7 @@ def _respond(
         legs: Indices of the leg joints.
         inverse: (3, 3) from wheel speeds to the base twist.
         response: By tick and input, (6,) response of the outputs.
-        standing_delay: Ticks since a command to move from which on the base stands.
+        settling: Ticks after which the base has settled from a command to move, or from joints that shook it.
         ticks: (1,) since events.
         predicted: (6,) outputs.
     """
@@ -111,7 +111,7 @@ def _respond(
                 predicted[output] += then[i] * response[tap, i, output]
     since = ticks[0]
     fastest = max(abs(now[0]), abs(now[1]), abs(now[2]))
-    since.standing = since.standing + 1 if fastest < STANDSTILL_SPEED else 0
+    since.standing = since.standing + 1 if fastest <= REST_SPEED else 0
     since.still, since.smooth = since.still + 1, since.smooth + 1
     for j in range(len(velocity)):
         # NaN compares as False.
@@ -119,9 +119,9 @@ def _respond(
             since.still = 0
         if not abs(acceleration[j]) < SHAKING_ACCELERATION:
             since.smooth = 0
-    if since.standing < standing_delay:
+    if since.standing < settling:
         return DRIVING
-    if since.smooth < TAPS:
+    if since.smooth < settling:
         return SHAKING
     return MOVING if since.still < TAPS else STILL
 
@@ -277,7 +277,7 @@ class BaseGenerator:
         self._factor, self._adapt = threshold_factor(false_contacts, TAIL), adapt
         self._legs = np.array(leg_indices(robot), dtype=np.int64)
         self._inverse = np.array(robot.wheels.inverse, dtype=np.float64, order="C")
-        self._window, self._standing_delay = window, TAPS + SETTLING_TICKS
+        self._window, self._settling = window, TAPS + SETTLING_TICKS
         self._pace, self._memory = (
             robot.cycle / CORRECTION_TIME,
             round(CORRECTION_TIME / robot.cycle),
@@ -299,7 +299,7 @@ class BaseGenerator:
         self.phase = 0
         self._count = 0
         self._ticks = make_records(
-            BaseTicks, 1, standing=self._standing_delay, still=TAPS, smooth=TAPS
+            BaseTicks, 1, standing=self._settling, still=TAPS, smooth=self._settling
         )
         self._blind, self._judged = 0, False
         self._last = (np.nan, np.nan)
@@ -375,7 +375,7 @@ class BaseGenerator:
             self._legs,
             self._inverse,
             self._response,
-            self._standing_delay,
+            self._settling,
             self._ticks,
             predicted,
         )

@@ -21,10 +21,9 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.kernels import Out, Records, kernel, make_records
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
-    ANSWER_RATIO,
-    ANSWER_TICKS,
     MAX_STRAY,
     MIN_DRIVE,
+    REVERSAL_RATIO,
     SETTLING_TICKS,
     SMOOTHING_TIME,
     UNSURE_FACTOR,
@@ -143,9 +142,9 @@ class CurrentChannel:
         torque_per_ampere: Motor torque / K per current [rad/A].
         back_emf: Part of the law of the board per speed [s].
         by_current: True if the current shows the torque of the motor.
-        answered: Ticks for which the current has shown the output of the board's law, with the sign of this output.
+        answered: Sign of the output of the board's law that the current shows, 0 if it shows none.
         recent: Recent size of its torque / K [rad].
-        steady: Ticks for which it has not fallen below ANSWER_RATIO of this size.
+        steady: Ticks for which it has not fallen below REVERSAL_RATIO of this size.
     """
 
     inertia: float
@@ -187,9 +186,11 @@ def current_residual(
     """Return the external torque on the motor over K, with the sign of r, and the motor's torque / K [rad].
 
     The current has no sign. It takes that of the torque that a free motion needs, which makes the residual smaller than
-    the other sign would. A touch that reverses the torque of the motor would then be lost: where the current has shown
-    the output of the board's law for ANSWER_TICKS, it takes the sign of this output. A board at the limit of its
-    current cannot show an output beyond it: then the current need only be larger than without touch.
+    the other sign would. A touch that reverses the torque of the motor would then be lost: where the current shows the
+    output of the board's law, it takes the sign of this output. It can only reverse through zero: one that has not
+    fallen below REVERSAL_RATIO of its recent size within SETTLING_TICKS drives the joint to another target than the
+    command. A board at the limit of its current cannot show an output beyond it: then the current need only be larger
+    than without touch.
 
     Args:
         channels: Of the joints.
@@ -204,14 +205,15 @@ def current_residual(
     needed = p.inertia * acceleration + p.lag * velocity + resistance + p.offset
     size, output = p.torque_per_ampere * current, drive - p.back_emf * velocity
     p.recent = max(size, p.recent * (1.0 - 1.0 / SETTLING_TICKS))
-    p.steady = p.steady + 1 if size > max(ANSWER_RATIO * p.recent, MIN_DRIVE) else 0
-    answers = abs(output) > MIN_DRIVE and size > ANSWER_RATIO * abs(output)
+    p.steady = (
+        p.steady + 1 if size > max(REVERSAL_RATIO * p.recent, MIN_DRIVE / UNSURE_FACTOR) else 0
+    )
     side = 1 if output > 0.0 else -1
-    before = max(side * p.answered, 0)
-    answers = answers and (before > 0 or p.steady <= SETTLING_TICKS)
+    answers = abs(output) > MIN_DRIVE and UNSURE_FACTOR * size > abs(output)
+    answers = answers and (side == p.answered or p.steady <= SETTLING_TICKS)
     answers = answers or (abs(output) > MAX_STRAY and size > UNSURE_FACTOR * abs(needed))
-    p.answered = side * (before + 1) if answers else 0
-    motor = math.copysign(size, output if abs(p.answered) >= ANSWER_TICKS else needed)
+    p.answered = side if answers else 0
+    motor = math.copysign(size, output if answers else needed)
     return motor - needed, motor
 
 

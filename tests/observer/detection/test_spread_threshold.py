@@ -177,9 +177,11 @@ def test_spread_falls_to_the_smallest_one_that_its_sensor_can_show() -> None:
 def test_threshold_is_that_of_the_phase_of_the_motion() -> None:
     target = made((0.01, 0.03, 0.02), (0.02, 0.05, 0.04))
     np.testing.assert_allclose(step(target), FACTOR * np.array([0.01, 0.02]), rtol=1e-4)
-    speeds, no = np.array([1.01 * REST_SPEED, -0.99 * REST_SPEED]), np.zeros(2, dtype=np.bool_)
+    # Friction holds the second one.
+    speeds, desired = REST_SPEED * np.array([1.01, -0.99]), REST_SPEED * np.array([1.01, -1.01])
+    no = np.zeros(2, dtype=np.bool_)
     for k in range(SETTLING_TICKS + 10):
-        threshold = target.step(speeds, speeds, no)
+        threshold = target.step(speeds, desired, no)
         slides = k >= SETTLING_TICKS
         expected = SLIDING_FACTOR * 0.02 if slides else HELD_FACTOR * FACTOR * 0.03
         held = HELD_FACTOR * FACTOR * 0.02

@@ -13,11 +13,11 @@ from pepper_driver.config import PepperError
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.kernels import Records
 from pepper_driver.observer.constants import (
-    ANSWER_RATIO,
-    ANSWER_TICKS,
     MIN_DRIVE,
+    REVERSAL_RATIO,
     SETTLING_TICKS,
     SMOOTHING_TIME,
+    UNSURE_FACTOR,
 )
 from pepper_driver.observer.models.fusion_model import MomentumError, MomentumParameters
 from pepper_driver.observer.residuals.momentum import (
@@ -80,7 +80,6 @@ def test_residual_is_minus_the_external_torque_over_the_stiffness(
         velocity=velocity,
         acceleration=acceleration,
         resistance=resistance,
-        ticks=ANSWER_TICKS,
     )
     # A sign is not known of a motor that gives hardly anything.
     if abs(motor) > 1.001 * MIN_DRIVE or motor * free > 0.0:
@@ -102,7 +101,6 @@ def test_without_the_law_of_the_board_the_smaller_of_two_residuals_counts(
         velocity=velocity,
         acceleration=acceleration,
         resistance=resistance,
-        ticks=2 * ANSWER_TICKS,
     )
     assert abs(found) == pytest.approx(abs(abs(motor) - abs(free)), abs=1e-12)
     assert given_motor == pytest.approx(np.copysign(motor, free), abs=1e-12)
@@ -123,25 +121,16 @@ def test_as_the_needed_torque_passes_zero_the_residual_stays_small(side: float) 
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_a_touch_that_reverses_the_motor_is_found_once_the_current_has_answered(
-    side: float,
-) -> None:
+def test_a_touch_that_reverses_the_motor_is_found_where_the_current_answers(side: float) -> None:
     resistance, motor = side * 0.02 - CURRENT.offset, -side * 0.05
     channels = channel()
-    for k in range(1, 3 * ANSWER_TICKS):
-        found, given_motor = residual(channels, motor, drive=motor, resistance=resistance)
-        if k < ANSWER_TICKS:
-            assert found == pytest.approx(side * (0.05 - 0.02))
-        else:
-            assert found == pytest.approx(-side * 0.07)
-            assert given_motor == pytest.approx(motor)
-    # One sample that was lost, or too small a current, begins it again.
-    residual(channels, 0.0, drive=motor, resistance=resistance)
-    found, _ = residual(channels, motor, drive=motor, resistance=resistance, ticks=ANSWER_TICKS - 1)
-    assert found == pytest.approx(side * (0.05 - 0.02))
-    assert residual(channels, motor, drive=motor, resistance=resistance)[0] == pytest.approx(
-        -side * 0.07
-    )
+    found, given_motor = residual(channels, motor, drive=motor, resistance=resistance)
+    assert found == pytest.approx(-side * 0.07)
+    assert given_motor == pytest.approx(motor)
+    # Too small a current does not answer.
+    small = 0.99 / UNSURE_FACTOR * motor
+    found, _ = residual(channels, small, drive=motor, resistance=resistance)
+    assert found == pytest.approx(side * (abs(small) - 0.02))
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
@@ -155,28 +144,26 @@ def test_a_current_that_has_not_passed_zero_has_not_reversed(
     resistance, motor = side * 0.02 - CURRENT.offset, side * 0.025
     channels = channel()
     residual(channels, motor, drive=motor, resistance=resistance)
-    residual(channels, 0.9 * ANSWER_RATIO * motor, drive=0.0, resistance=resistance)
+    residual(channels, 0.9 * REVERSAL_RATIO * motor, drive=0.0, resistance=resistance)
     if ticks:
         residual(channels, motor, drive=motor, resistance=resistance, ticks=ticks)
-    found, given_motor = residual(
-        channels, motor, drive=-motor, resistance=resistance, ticks=3 * ANSWER_TICKS
-    )
+    found, given_motor = residual(channels, motor, drive=-motor, resistance=resistance)
     assert given_motor == pytest.approx(-motor if reverses else motor)
     assert found == pytest.approx(given_motor - side * 0.02)
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-@pytest.mark.parametrize("answer", [0.0, 0.3, 0.98])
+@pytest.mark.parametrize("answer", [0.0, 0.3, 0.49])
 def test_a_board_that_follows_another_target_makes_a_small_residual(
     side: float, answer: float
 ) -> None:
     """It is two degrees off, against the load; its current is that of the load and a part of the answer at most."""
     resistance, drive = side * 0.01 - CURRENT.offset, -side * np.radians(2.0)
-    motor = answer * ANSWER_RATIO * drive
+    motor = answer * drive
     found, _ = residual(channel(), motor, drive=drive, resistance=resistance, ticks=50)
     assert found == pytest.approx(side * (abs(motor) - 0.01))
     assert abs(found) < 0.6 * abs(drive)
-    beyond = 1.02 * ANSWER_RATIO * drive
+    beyond = 1.02 / UNSURE_FACTOR * drive
     found, _ = residual(channel(), beyond, drive=drive, resistance=resistance, ticks=50)
     assert found == pytest.approx(beyond - side * 0.01)
 
@@ -196,12 +183,11 @@ def test_joints_keep_to_their_own_constants_and_state() -> None:
     models = [fusion_model(momentum=CURRENT), None, fusion_model(momentum=VOLTAGE)]
     channels = current_channels(models)
     np.testing.assert_array_equal(channels["by_current"], [True, False, False])
-    for _ in range(ANSWER_TICKS):
-        for j in range(3):
-            found, _ = current_residual(channels, j, 2.0, -0.1 if j == 0 else 0.0, 0.0, 0.0, 0.05)
-            if j == 1:
-                assert np.isnan(found)
-    np.testing.assert_array_equal(channels["answered"], [-ANSWER_TICKS, 0, 0])
+    for j in range(3):
+        found, _ = current_residual(channels, j, 2.0, -0.1 if j == 0 else 0.0, 0.0, 0.0, 0.05)
+        if j == 1:
+            assert np.isnan(found)
+    np.testing.assert_array_equal(channels["answered"], [-1, 0, 0])
     assert current_residual(channels, 0, 2.0, -0.1, 0.0, 0.0, 0.05)[0] == pytest.approx(-0.152)
 
 
