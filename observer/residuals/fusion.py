@@ -105,6 +105,7 @@ def _combine(
     bias: FloatArray,
     gain: float,
     cycle: float,
+    pushed: bool,
     no_model: BoolArray,
     good: Out[BoolArray],
     change: Out[FloatArray],
@@ -128,6 +129,7 @@ def _combine(
             velocity[j] - change[j],
             acceleration[j] - curvature,
             friction[j] + joint.load_gain * load_torque[j],
+            pushed,
         )
         if good[j]:
             update_integral(joints, j, board_error, motor, cycle)
@@ -580,6 +582,7 @@ class FusionGenerator:
             self._bias,
             derivatives.gain,
             self._cycle,
+            self._base_quiet < PUSH_TICKS,
             self.no_model,
             good,
             change,

@@ -18,10 +18,10 @@ from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
     CORRECTION_TIME,
     QUIET_RATIO,
-    REST_SPEED,
     ROCKING_SPEED,
     SETTLING_TICKS,
     SHAKING_ACCELERATION,
+    STANDSTILL_SPEED,
     TAIL,
 )
 from pepper_driver.observer.detection.threshold import (
@@ -111,7 +111,7 @@ def _respond(
                 predicted[output] += then[i] * response[tap, i, output]
     since = ticks[0]
     fastest = max(abs(now[0]), abs(now[1]), abs(now[2]))
-    since.standing = since.standing + 1 if fastest <= REST_SPEED else 0
+    since.standing = since.standing + 1 if fastest < STANDSTILL_SPEED else 0
     since.still, since.smooth = since.still + 1, since.smooth + 1
     for j in range(len(velocity)):
         # NaN compares as False.

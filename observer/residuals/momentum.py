@@ -182,6 +182,7 @@ def current_residual(
     velocity: float,
     acceleration: float,
     resistance: float,
+    pushed: bool,
 ) -> tuple[float, float]:
     """Return the external torque on the motor over K, with the sign of r, and the motor's torque / K [rad].
 
@@ -189,8 +190,8 @@ def current_residual(
     the other sign would. A touch that reverses the torque of the motor would then be lost: where the current shows the
     output of the board's law, it takes the sign of this output. It can only reverse through zero: one that has not
     fallen below REVERSAL_RATIO of its recent size within SETTLING_TICKS drives the joint to another target than the
-    command. A board at the limit of its current cannot show an output beyond it: then the current need only be larger
-    than without touch.
+    command. A push that moves the base may reverse it between two samples. A board at the limit of its current cannot
+    show an output beyond it: then the current need only be larger than without touch.
 
     Args:
         channels: Of the joints.
@@ -200,6 +201,7 @@ def current_residual(
         velocity: Of the joint, as measured [rad/s].
         acceleration: [rad/s2]
         resistance: Friction and load / K [rad].
+        pushed: True while the base shows a push.
     """
     p = channels[j]
     needed = p.inertia * acceleration + p.lag * velocity + resistance + p.offset
@@ -210,7 +212,7 @@ def current_residual(
     )
     side = 1 if output > 0.0 else -1
     answers = abs(output) > MIN_DRIVE and UNSURE_FACTOR * size > abs(output)
-    answers = answers and (side == p.answered or p.steady <= SETTLING_TICKS)
+    answers = answers and (side == p.answered or pushed or p.steady <= SETTLING_TICKS)
     answers = answers or (abs(output) > MAX_STRAY and size > UNSURE_FACTOR * abs(needed))
     p.answered = side if answers else 0
     motor = math.copysign(size, output if answers else needed)

@@ -16,10 +16,10 @@ from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
     CORRECTION_TIME,
     MAX_CHANGE,
-    REST_SPEED,
     ROCKING_SPEED,
     SETTLING_TICKS,
     SHAKING_ACCELERATION,
+    STANDSTILL_SPEED,
     TAIL,
 )
 from pepper_driver.observer.detection.threshold import threshold_factor
@@ -359,7 +359,7 @@ def test_spreads_of_today_are_learned_in_their_phase(phase: int) -> None:
         one.reference.velocity[:] = 2.0 * ROCKING_SPEED if phase == MOVING else 0.0
         one.reference.acceleration[:] = SHAKING_ACCELERATION if phase == SHAKING else 0.0
         one.sent.wheel_speed[:] = (
-            MATRIX @ np.array([2.0 * REST_SPEED, 0.0, 0.0]) if phase == DRIVING else 0.0
+            MATRIX @ np.array([2.0 * STANDSTILL_SPEED, 0.0, 0.0]) if phase == DRIVING else 0.0
         )
     for adapt in (True, False):
         signal = generator(still_model(spread, spread, spread, spread), adapt=adapt)

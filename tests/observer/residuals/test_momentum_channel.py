@@ -53,11 +53,14 @@ def residual(
     acceleration: float = 0.0,
     resistance: float,
     ticks: int = 1,
+    pushed: bool = False,
 ) -> tuple[float, float]:
     """Residual and torque in the last of some ticks, of a motor of whose torque only the size is seen."""
     current = abs(motor) / CURRENT.torque_per_ampere
     for _ in range(ticks):
-        found = current_residual(channels, 0, current, drive, velocity, acceleration, resistance)
+        found = current_residual(
+            channels, 0, current, drive, velocity, acceleration, resistance, pushed
+        )
     return found
 
 
@@ -153,6 +156,18 @@ def test_a_current_that_has_not_passed_zero_has_not_reversed(
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_push_that_moves_the_base_reverses_a_current_between_two_samples(side: float) -> None:
+    resistance, motor = side * 0.02 - CURRENT.offset, side * 0.025
+    channels = channel()
+    residual(channels, motor, drive=motor, resistance=resistance, ticks=100)
+    found, given_motor = residual(channels, motor, drive=-motor, resistance=resistance, pushed=True)
+    assert given_motor == pytest.approx(-motor)
+    # Once reversed, it stays so while it shows the output.
+    found, _ = residual(channels, motor, drive=-motor, resistance=resistance)
+    assert found == pytest.approx(-motor - side * 0.02)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
 @pytest.mark.parametrize("answer", [0.0, 0.3, 0.49])
 def test_a_board_that_follows_another_target_makes_a_small_residual(
     side: float, answer: float
@@ -184,11 +199,14 @@ def test_joints_keep_to_their_own_constants_and_state() -> None:
     channels = current_channels(models)
     np.testing.assert_array_equal(channels["by_current"], [True, False, False])
     for j in range(3):
-        found, _ = current_residual(channels, j, 2.0, -0.1 if j == 0 else 0.0, 0.0, 0.0, 0.05)
+        found, _ = current_residual(
+            channels, j, 2.0, -0.1 if j == 0 else 0.0, 0.0, 0.0, 0.05, False
+        )
         if j == 1:
             assert np.isnan(found)
     np.testing.assert_array_equal(channels["answered"], [-1, 0, 0])
-    assert current_residual(channels, 0, 2.0, -0.1, 0.0, 0.0, 0.05)[0] == pytest.approx(-0.152)
+    found, _ = current_residual(channels, 0, 2.0, -0.1, 0.0, 0.0, 0.05, False)
+    assert found == pytest.approx(-0.152)
 
 
 def derivatives(error: FloatArray) -> tuple[FloatArray, FloatArray]:
