@@ -88,8 +88,8 @@ SHAKING_ACCELERATION = 8.0
 # -- sign of the current ----------------------------------------------------------------------------------------------
 
 MIN_DRIVE = np.radians(0.75)
-"""[rad] Output of the law of a board up to which its sign is not known; UNSURE_FACTOR smaller is a current that shows
-none."""
+"""[rad] Output of the law of a board up to which its sign is not known. By UNSURE_FACTOR smaller while the base shows a
+push, and for a current that shows no sign."""
 
 MAX_STRAY = np.radians(4.0)
 """[rad] Output of the law beyond which a board does not only follow another target: recorded ones are off by less."""

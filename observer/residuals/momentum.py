@@ -190,8 +190,8 @@ def current_residual(
     the other sign would. A touch that reverses the torque of the motor would then be lost: where the current shows the
     output of the board's law, it takes the sign of this output. It can only reverse through zero: one that has not
     fallen below REVERSAL_RATIO of its recent size within SETTLING_TICKS drives the joint to another target than the
-    command. A push that moves the base may reverse it between two samples. A board at the limit of its current cannot
-    show an output beyond it: then the current need only be larger than without touch.
+    command. A push that moves the base may reverse it between two samples, and to less. A board at the limit of its
+    current cannot show an output beyond it: then the current need only be larger than without touch.
 
     Args:
         channels: Of the joints.
@@ -207,12 +207,12 @@ def current_residual(
     needed = p.inertia * acceleration + p.lag * velocity + resistance + p.offset
     size, output = p.torque_per_ampere * current, drive - p.back_emf * velocity
     p.recent = max(size, p.recent * (1.0 - 1.0 / SETTLING_TICKS))
-    p.steady = (
-        p.steady + 1 if size > max(REVERSAL_RATIO * p.recent, MIN_DRIVE / UNSURE_FACTOR) else 0
-    )
+    lowest = MIN_DRIVE / UNSURE_FACTOR
+    p.steady = p.steady + 1 if size > max(REVERSAL_RATIO * p.recent, lowest) else 0
     side = 1 if output > 0.0 else -1
-    answers = abs(output) > MIN_DRIVE and UNSURE_FACTOR * size > abs(output)
-    answers = answers and (side == p.answered or pushed or p.steady <= SETTLING_TICKS)
+    shown = side == p.answered or pushed
+    answers = UNSURE_FACTOR * size > abs(output) > (lowest if pushed else MIN_DRIVE)
+    answers = answers and (shown or p.steady <= SETTLING_TICKS)
     answers = answers or (abs(output) > MAX_STRAY and size > UNSURE_FACTOR * abs(needed))
     p.answered = side if answers else 0
     motor = math.copysign(size, output if answers else needed)

@@ -162,6 +162,13 @@ def test_a_push_that_moves_the_base_reverses_a_current_between_two_samples(side:
     residual(channels, motor, drive=motor, resistance=resistance, ticks=100)
     found, given_motor = residual(channels, motor, drive=-motor, resistance=resistance, pushed=True)
     assert given_motor == pytest.approx(-motor)
+    # Half the output is enough then.
+    small = 0.51 * side * MIN_DRIVE
+    for pushed in (True, False):
+        _, given_motor = residual(
+            channel(), small, drive=-small, resistance=resistance, pushed=pushed
+        )
+        assert given_motor == pytest.approx(-small if pushed else small)
     # Once reversed, it stays so while it shows the output.
     found, _ = residual(channels, motor, drive=-motor, resistance=resistance)
     assert found == pytest.approx(-motor - side * 0.02)
