@@ -13,8 +13,3 @@ IndexArray = NDArray[np.intp]
 PixelArray = NDArray[np.uint8]
 StateArray = NDArray[np.int8]
 """Members of an ``IntEnum``, as logs have them."""
-
-
-def contiguous(values: FloatArray) -> FloatArray:
-    """Return values as kernels take them; those that other programs made may have gaps, or another type."""
-    return np.ascontiguousarray(values, np.float64)

@@ -7,8 +7,8 @@ import logging
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Protocol
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,9 @@ from pepper_driver.observer.residuals.momentum import MomentumGenerator
 from pepper_driver.observer.residuals.paper import PaperGenerator
 from pepper_driver.observer.residuals.torque_scale import TorqueScale
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 ONSET_LOOKBACK = 0.5
 """[s] before the median window; the onset of a touch that grows more slowly is reported too late."""
 
@@ -64,11 +67,37 @@ LOG = logging.getLogger(__name__)
 
 
 @kernel
-def _count_within(residual: FloatArray, threshold: FloatArray) -> int:
-    """Count the joints within their thresholds; those that are blind are not."""
+def _have_sizes(
+    joints: int,
+    wheels: int,
+    limited: BoolArray,
+    sent_position: FloatArray,
+    stiffness: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    load_torque: FloatArray,
+    position: FloatArray,
+    current: FloatArray,
+    sent_wheel_speed: FloatArray,
+    wheel_speed: FloatArray,
+    linear_acceleration: FloatArray,
+    angular_velocity: FloatArray,
+) -> bool:
+    """Return True if the arrays of a tick have the right sizes: other kernels do not look at them."""
+    commanded = len(limited) == len(sent_position) == len(stiffness) == joints
+    desired = len(velocity) == len(acceleration) == len(load_torque) == joints
+    measured = len(position) == len(current) == joints
+    driven = len(sent_wheel_speed) == len(wheel_speed) == wheels
+    inertial = len(linear_acceleration) == len(angular_velocity) == 3
+    return commanded and desired and measured and driven and inertial
+
+
+@kernel
+def _count_quiet(residual: FloatArray, threshold: FloatArray, doubtful: BoolArray) -> int:
+    """Count the joints within their thresholds; those that are blind or doubtful are not."""
     count = 0
     for j in range(len(residual)):
-        count += abs(residual[j]) <= threshold[j]  # NaN compares as False
+        count += abs(residual[j]) <= threshold[j] and not doubtful[j]  # NaN compares as False
     return count
 
 
@@ -171,14 +200,13 @@ class ContactObserver(Observer):
                 name,
                 np.degrees(MAX_SPREAD),
             )
-        self._count_within = _count_within.load()
+        self._count_quiet = _count_quiet.load()
         self._known = ~no_model
         self._known_count = np.count_nonzero(self._known)
         self._none_settled = np.zeros(len(no_model), dtype=np.bool_)
         self._window = window
-        # Kernels do not look at the sizes of arrays.
-        wheels = len(robot.wheels.names)
-        self._sizes = (len(robot.joint_names),) * 8 + (wheels,) * 2 + (3,) * 2
+        self._have_sizes = _have_sizes.load()
+        self._sizes = len(robot.joint_names), len(robot.wheels.names)
         self.reset()
 
     def reset(self) -> None:
@@ -308,8 +336,15 @@ class ContactObserver(Observer):
         Raises:
             ArgumentError: An array of the tick has not one value for each joint, wheel or axis.
         """
-        if _sizes(tick) != self._sizes:
-            raise ArgumentError(f"a tick has arrays of {_sizes(tick)}, not of {self._sizes} values")
+        try:
+            fits = self._fits(tick)
+        except TypeError:  # arrays that other programs made may have gaps, or another type
+            tick = _contiguous(tick)
+            fits = self._fits(tick)
+        if not fits:
+            joints, wheels = self._sizes
+            sizes = (joints,) * 8 + (wheels,) * 2 + (3,) * 2
+            raise ArgumentError(f"a tick has arrays of {_sizes(tick)}, not of {sizes} values")
         # Events must stay in order when the clock of the robot jumps back, or is not finite after a lost connection.
         if self._time < tick.measurement.time < math.inf:
             self._time = tick.measurement.time
@@ -335,16 +370,36 @@ class ContactObserver(Observer):
             state=state,
         )
 
+    def _fits(self, tick: Tick) -> bool:
+        """Return True if the arrays of a tick have the right sizes; raises TypeError if kernels do not take them."""
+        sent, measurement, reference = tick.sent, tick.measurement, tick.reference
+        joints, wheels = self._sizes
+        return self._have_sizes(
+            joints,
+            wheels,
+            tick.limited,
+            sent.position,
+            sent.stiffness,
+            reference.velocity,
+            reference.acceleration,
+            reference.load_torque,
+            measurement.position,
+            measurement.current,
+            sent.wheel_speed,
+            measurement.wheel_speed,
+            measurement.imu.acceleration,
+            measurement.imu.angular_velocity,
+        )
+
     def _events(
         self, residuals: Residuals, position: FloatArray
     ) -> tuple[Sequence[Contact], NDArray[np.int8], BoolArray, BoolArray]:
         """Return the events of this tick; (n,) states; joints without touch; joints that were just released."""
         no_model, doubtful = self._generator.no_model, residuals.doubtful
-        within = self._count_within(residuals.residual, residuals.threshold)
-        quiet = within == self._known_count and not abs(residuals.base_residual) > 1.0
-        quiet = quiet and (doubtful is None or not np.count_nonzero(doubtful))
+        quiet = self._count_quiet(residuals.residual, residuals.threshold, doubtful)
         # Most ticks end here, which saves the state machines of all joints.
-        if quiet and self._tracker.idle:
+        all_quiet = quiet == self._known_count and not abs(residuals.base_residual) > 1.0
+        if all_quiet and self._tracker.idle:
             return (), self._resting_state.copy(), self._known, self._none_settled
         n = len(no_model)
         states, settled = [JointState.BLIND] * n, [False] * n
@@ -352,9 +407,9 @@ class ContactObserver(Observer):
         # Of bytes: an array of a list of enumeration members takes three times as long.
         state = np.frombuffer(bytearray(states), dtype=np.int8)
         state[self._numb] = JointState.DOUBTFUL
-        if doubtful is not None:
-            # A contact on a joint counts for more: its limb may have found it by several small residuals.
-            doubted = doubtful & (state == JointState.FREE)
+        # A contact on a joint counts for more: its limb may have found it by several small residuals.
+        doubted = doubtful & (state == JointState.FREE)
+        if np.count_nonzero(doubted):
             state[doubted] = JointState.DOUBTFUL
             self._report_doubt(doubted)
         ended = np.array(settled) if any(settled) else self._none_settled
@@ -377,6 +432,31 @@ def _sizes(tick: Tick) -> tuple[int, ...]:
         len(measurement.wheel_speed),
         len(measurement.imu.acceleration),
         len(measurement.imu.angular_velocity),
+    )
+
+
+def _contiguous(tick: Tick) -> Tick:
+    """Return a tick whose arrays are as kernels take them."""
+    sent = _with_floats(tick.sent, "position", "stiffness", "wheel_speed")
+    imu = _with_floats(tick.measurement.imu, "acceleration", "angular_velocity")
+    return replace(
+        tick,
+        limited=np.ascontiguousarray(tick.limited, np.bool_),
+        sent=sent,
+        reference=_with_floats(tick.reference, "velocity", "acceleration", "load_torque"),
+        measurement=replace(
+            _with_floats(tick.measurement, "position", "current", "wheel_speed"), imu=imu
+        ),
+    )
+
+
+T = TypeVar("T", bound="DataclassInstance")
+
+
+def _with_floats(part: T, *names: str) -> T:
+    """Return a part of a tick with these arrays contiguous, and of floats."""
+    return replace(
+        part, **{name: np.ascontiguousarray(getattr(part, name), np.float64) for name in names}
     )
 
 

@@ -8,8 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import count
 
-import numpy as np
-
 from pepper_driver.config import ObserverSettings, RobotConfig
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_selector import Kind
@@ -459,8 +457,7 @@ class BodyTracker:
         if contact.limb == TRUNK or contact.kind == "rebound" or contact.fit_time == time:
             return
         contact.fit_time = time
-        doubtful = self._residuals.doubtful
-        usable = np.ones(len(self._names), dtype=np.bool_) if doubtful is None else ~doubtful
+        usable = ~self._residuals.doubtful
         usable[self._limbs[contact.limb].live_joints()] = True
         force = self._forces.estimate(
             contact.limb,

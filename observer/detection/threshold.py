@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.kernels import Out, Records, kernel, make_records
 from pepper_driver.observer.constants import (
     CORRECTION_TIME,
@@ -31,7 +31,6 @@ from pepper_driver.observer.constants import (
     TAIL,
     UNSURE_FACTOR,
 )
-from pepper_driver.observer.running_filters import RunningMaximum
 
 SPREAD_QUANTILE = 0.99
 """The spread is this quantile of the size of a residual in free motion."""
@@ -106,100 +105,120 @@ def learn_spread(
     spread.today = min(max(spread.today, lowest), spread.identified * MAX_CHANGE)
 
 
+class ThresholdState:
+    """Threshold of one joint, and the motion without touch on which it depends.
+
+    Attributes:
+        lowest: Smallest threshold [rad].
+        held_ticks: For which its model has been at rest.
+        sliding_ticks: For which it has slid.
+        still_ticks: For which its command has been at rest.
+        moving: True if it slides, or did in the last PUSH_TICKS.
+        phase: REST, BREAKAWAY or SLIDING.
+        touched: True from when it is touched until it is let go; set by the caller.
+        last: Threshold of the last tick, if the gate did not alter the command [rad].
+    """
+
+    lowest: float
+    held_ticks: int
+    sliding_ticks: int
+    still_ticks: int
+    moving: bool
+    phase: int
+    touched: bool
+    last: float
+
+
 @kernel
-def _threshold(
-    spreads: Out[Records[SpreadState]],
+def step_threshold(
+    spreads: Records[SpreadState],
+    states: Out[Records[ThresholdState]],
     factors: FloatArray,
-    lowest: FloatArray,
-    fastest: FloatArray,
-    speed: FloatArray,
-    desired: FloatArray,
-    limited: BoolArray,
-    touched: BoolArray,
+    j: int,
+    speed: float,
+    desired: float,
+    load_doubt: float,
+    limited: bool,
     rest_ticks: int,
-    sliding_ticks: Out[IntArray],
-    still_ticks: Out[IntArray],
-    moving: Out[BoolArray],
-    phase: Out[IntArray],
-    held: Out[FloatArray],
-    threshold: Out[FloatArray],
-) -> None:
-    n = len(threshold)
-    for j in range(n):
-        moving[j] = fastest[j] > REST_SPEED
-        sliding_ticks[j] = sliding_ticks[j] + 1 if abs(speed[j]) > REST_SPEED else 0
-        if not moving[j]:
-            phase[j] = REST
-        elif sliding_ticks[j] <= SETTLING_TICKS:
-            phase[j] = BREAKAWAY
-        else:
-            phase[j] = SLIDING
-        spread, factor = spreads[phase[j] * n + j], factors[phase[j]]
-        still_ticks[j] = still_ticks[j] + 1 if abs(desired[j]) <= REST_SPEED else 0
-        if phase[j] != SLIDING and still_ticks[j] <= rest_ticks:
-            factor *= HELD_FACTOR
-        threshold[j] = np.maximum(spread.today * factor, lowest[j])
-        if touched[j]:
-            # A hand holds on while a joint turns or stops: its touch is over when it is.
-            threshold[j] = min(threshold[j], held[j])
-        held[j] = threshold[j]
-        if limited[j]:
-            threshold[j] *= UNSURE_FACTOR
+) -> float:
+    """Take in one tick of a joint; return its threshold [rad].
 
-
-@kernel
-def _learn(
-    spreads: Out[Records[SpreadState]], phase: IntArray, residual: FloatArray, seen: BoolArray
-) -> None:
-    n = len(seen)
-    for j in range(n):
-        if seen[j]:
-            learn_spread(spreads, phase[j] * n + j, residual[j], MIN_SPREAD)
+    Args:
+        spreads: By phase and joint.
+        states: Of the joints.
+        factors: (3,) of a threshold over the spread, by phase.
+        j: Index of the joint.
+        speed: Without touch [rad/s]: of the stick-slip model, which friction holds as it does the joint.
+        desired: Velocity that is commanded [rad/s].
+        load_doubt: Standard deviation of the error that follows from what is not known of the loads [rad].
+        limited: True if the safety gate altered the command.
+        rest_ticks: In which a model follows its joint at rest.
+    """
+    state, slides = states[j], abs(speed) > REST_SPEED
+    state.sliding_ticks = state.sliding_ticks + 1 if slides else 0
+    state.held_ticks = 0 if slides else state.held_ticks + 1
+    state.still_ticks = state.still_ticks + 1 if abs(desired) <= REST_SPEED else 0
+    state.moving = state.held_ticks < PUSH_TICKS
+    if not state.moving:
+        state.phase = REST
+    elif state.sliding_ticks <= SETTLING_TICKS:
+        state.phase = BREAKAWAY
+    else:
+        state.phase = SLIDING
+    factor = factors[state.phase]
+    if state.phase != SLIDING and state.still_ticks <= rest_ticks:
+        factor *= HELD_FACTOR
+    spread = spreads[state.phase * len(states) + j]
+    threshold = np.maximum(spread.today * factor, state.lowest)
+    if state.touched:
+        # A hand holds on while a joint turns or stops: its touch is over when it is.
+        threshold = min(threshold, state.last)
+    state.last = threshold
+    if limited:
+        threshold *= UNSURE_FACTOR
+    # The model of a joint at rest soon knows what a load has done to its position.
+    if state.held_ticks + 1 < PUSH_TICKS + rest_ticks:
+        threshold += UNSURE_FACTOR * load_doubt
+    return float(threshold)
 
 
 class SpreadThreshold:
-    """Thresholds of joints.
+    """Spreads and thresholds of joints, for :func:`step_threshold` and :func:`learn_spread`.
 
     Args:
         spread: (n, 3) as identified, by phase [rad]; NaN for joints without a model.
         load_gain: (n,) g = 1 / K [rad/(N m)].
         cycle: Period of the ticks [s].
         false_contacts: That are allowed in an hour.
-        adapt: False to keep the spreads as identified.
 
     Attributes:
         factors: (3,) of a threshold over the spread, by phase.
-        moving: (n,) joints that slide without touch, or did just before.
-        phase: (n,) phase of their motion.
+        rest_ticks: In which a model follows its joint at rest.
+        spreads: (3 n,) by phase and joint.
+        states: Of the joints.
     """
 
     def __init__(
-        self,
-        spread: FloatArray,
-        load_gain: FloatArray,
-        cycle: float,
-        *,
-        false_contacts: float,
-        adapt: bool,
+        self, spread: FloatArray, load_gain: FloatArray, cycle: float, *, false_contacts: float
     ) -> None:
-        self._identified, self._cycle, self._adapt = np.fmax(spread, MIN_SPREAD), cycle, adapt
+        self._identified = np.fmax(spread, MIN_SPREAD)
         self._identified[np.isnan(spread)] = np.nan
         self.factors, self._lowest = phase_factors(false_contacts), MIN_TORQUE * load_gain
-        self._rest_ticks = round(CORRECTION_TIME / cycle)
-        self._step, self._learn = _threshold.load(), _learn.load()
+        self.rest_ticks = round(CORRECTION_TIME / cycle)
         self.reset()
 
     def reset(self) -> None:
-        """Forget the session."""
-        n, by_phase = len(self._identified), self._identified.T.ravel()
-        self._spreads = make_records(
-            SpreadState, len(by_phase), identified=by_phase, today=by_phase
+        """Forget the session: spreads are as identified, and joints have been at rest for long."""
+        by_phase = self._identified.T.ravel()
+        self.spreads = make_records(SpreadState, len(by_phase), identified=by_phase, today=by_phase)
+        self.states = make_records(
+            ThresholdState,
+            len(self._lowest),
+            lowest=self._lowest,
+            held_ticks=PUSH_TICKS + self.rest_ticks,
+            still_ticks=self.rest_ticks,
+            last=np.inf,
         )
-        self._speeds = RunningMaximum(PUSH_TICKS * self._cycle, self._cycle, n)
-        self._sliding_ticks = np.zeros(n, dtype=np.int64)
-        self._still_ticks = np.full(n, self._rest_ticks)
-        self._touched, self._held = np.zeros(n, dtype=np.bool_), np.full(n, np.inf)
-        self.moving, self.phase = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.int64)
 
     @property
     def bounds(self) -> FloatArray:
@@ -211,43 +230,6 @@ class SpreadThreshold:
     @property
     def change(self) -> FloatArray:
         """(n,) spread while sliding over that identified."""
-        n = len(self._identified)
-        change: FloatArray = (self._spreads["today"] / self._spreads["identified"])[SLIDING * n :]
+        sliding = self.spreads["today"] / self.spreads["identified"]
+        change: FloatArray = sliding[SLIDING * len(self._lowest) :]
         return change
-
-    def step(self, speed: FloatArray, desired: FloatArray, limited: BoolArray) -> FloatArray:
-        """Take in one tick; return (n,) thresholds [rad].
-
-        Args:
-            speed: (n,) without touch [rad/s]: of the stick-slip models, which friction holds as it does the joints.
-            desired: (n,) velocity that is commanded [rad/s].
-            limited: (n,) where the safety gate altered the command.
-        """
-        threshold = np.empty(len(speed))
-        self._step(
-            self._spreads,
-            self.factors,
-            self._lowest,
-            self._speeds.push(speed),
-            speed,
-            desired,
-            limited,
-            self._touched,
-            self._rest_ticks,
-            self._sliding_ticks,
-            self._still_ticks,
-            self.moving,
-            self.phase,
-            self._held,
-            threshold,
-        )
-        return threshold
-
-    def hold(self, touched: BoolArray) -> None:
-        """Keep thresholds of joints (n,) from rising with the phase of the motion until they are touched no more."""
-        self._touched = touched
-
-    def learn(self, residual: FloatArray, seen: BoolArray) -> None:
-        """Take in residuals (n,) [rad] of joints without touch that can be judged (n,)."""
-        if self._adapt:
-            self._learn(self._spreads, self.phase, residual, seen)

@@ -178,14 +178,9 @@ def _step(
     target: FloatArray,
     load_torque: FloatArray,
     cycle: float,
-    position: Out[FloatArray],
-    velocity: Out[FloatArray],
-    friction: Out[FloatArray],
 ) -> None:
     for j in range(len(target)):
         step_stick_slip(constants, j, states, j, target[j], load_torque[j], cycle)
-        state = states[j]
-        position[j], velocity[j], friction[j] = state.position, state.velocity, state.friction
 
 
 @kernel
@@ -246,31 +241,15 @@ class StickSlipModel:
         """Start at rest at (n,) ``position`` [rad] with the command (n,) ``target`` [rad]."""
         self.states = _start(len(self.constants), position, target)
 
-    def step(
-        self, target: FloatArray, load_torque: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Step by one tick.
+    def step(self, target: FloatArray, load_torque: FloatArray) -> Records[StickSlipState]:
+        """Step by one tick; return a copy of the (n,) states.
 
         Args:
             target: (n,) positions sent [rad].
             load_torque: (n,) desired [N m].
-
-        Returns:
-            (n,) positions [rad], velocities [rad/s] and friction [rad] of the models, new arrays.
         """
-        n = len(target)
-        position, velocity, friction = np.empty(n), np.empty(n), np.empty(n)
-        self._step(
-            self.constants,
-            self.states,
-            target,
-            load_torque,
-            self._cycle,
-            position,
-            velocity,
-            friction,
-        )
-        return position, velocity, friction
+        self._step(self.constants, self.states, target, load_torque, self._cycle)
+        return self.states.copy()
 
     def play(
         self, joint: int, position: float, target: FloatArray, load_torque: FloatArray

@@ -8,41 +8,47 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray, contiguous
-from pepper_driver.config.kernels import Matrix, Out, Records, kernel
+from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray
+from pepper_driver.config.kernels import Matrix, Out, Records, kernel, make_records
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
     BIAS_TIME,
-    CONFIRMING_RATIO,
+    CORRECTION_TIME,
     MIN_SPREAD,
     PUSH_TICKS,
     QUIET_RATIO,
     REST_SPEED,
     SETTLING_TICKS,
 )
-from pepper_driver.observer.detection.threshold import SpreadThreshold
+from pepper_driver.observer.detection.confirmation import BaseConfirmation
+from pepper_driver.observer.detection.threshold import (
+    SpreadState,
+    SpreadThreshold,
+    ThresholdState,
+    learn_spread,
+    step_threshold,
+)
 from pepper_driver.observer.interface import MAX_PLAUSIBLE, MIN_OBSERVED_STIFFNESS, Residuals
 from pepper_driver.observer.models.fusion_model import FusionModel
-from pepper_driver.observer.residuals.doubt import JointDoubt
+from pepper_driver.observer.models.stick_slip import StickSlipState
+from pepper_driver.observer.residuals.channels import ChannelComparison, follow_hand
+from pepper_driver.observer.residuals.doubt import DoubtState, raise_threshold, step_doubt
 from pepper_driver.observer.residuals.hand_loads import HandLoads
 from pepper_driver.observer.residuals.mobile_base import BaseGenerator
-from pepper_driver.observer.residuals.momentum import (
-    CurrentChannel,
-    DerivativeFilter,
-    ErrorDerivatives,
-    current_channels,
-    current_residual,
-    differentiate,
-)
 from pepper_driver.observer.residuals.prediction import (
     MAX_LATE_TICKS,
     ErrorPredictor,
     PredictedJoint,
     Prediction,
-    update_integral,
+    friction_band,
+    rest,
 )
-from pepper_driver.observer.residuals.torque_estimate import SPREAD_STDS, TorqueEstimate
-from pepper_driver.observer.running_filters import RunningMedian
+from pepper_driver.observer.residuals.torque_estimate import (
+    SPREAD_STDS,
+    TorqueEstimate,
+    TorqueState,
+    estimate_torque,
+)
 
 WORN_CHANGE = 1.95
 """Growth of the spread of a residual at which a joint counts as worn."""
@@ -71,107 +77,6 @@ def _check_inputs(
 
 
 @kernel
-def _exclude_behind(
-    target: FloatArray,
-    board_target: FloatArray,
-    carries: Matrix[BoolArray],
-    good: Out[BoolArray],
-) -> bool:
-    """Clear ``good`` of joints whose load depends on a board that is behind its command; return True if one is."""
-    behind = False
-    for i in range(len(good)):
-        if abs(target[i] - board_target[i]) > MIN_SPREAD:
-            behind = True
-            for j in range(len(good)):
-                good[j] = good[j] and not carries[i, j]
-    return behind
-
-
-@kernel
-def _combine(
-    joints: Out[Records[PredictedJoint]],
-    filters: Out[Records[DerivativeFilter]],
-    channels: Out[Records[CurrentChannel]],
-    target: FloatArray,
-    board_target: FloatArray,
-    load_torque: FloatArray,
-    velocity: FloatArray,
-    acceleration: FloatArray,
-    position: FloatArray,
-    friction: FloatArray,
-    remainder: FloatArray,
-    measured: FloatArray,
-    current: FloatArray,
-    bias: FloatArray,
-    gain: float,
-    cycle: float,
-    pushed: bool,
-    no_model: BoolArray,
-    good: Out[BoolArray],
-    change: Out[FloatArray],
-    residuals: Out[FloatArray],
-) -> int:
-    """Compute (2 n,) residuals of both channels and the derivative of the error; return how many joints are good.
-
-    The arguments are those of :class:`Prediction`, ``current_residual`` and ``differentiate``. Where a joint with a
-    model has no residual, it is no longer ``good``.
-    """
-    count, n = 0, len(good)
-    for j in range(n):
-        joint = joints[j]
-        error, board_error = target[j] - measured[j], board_target[j] - measured[j]
-        change[j], curvature = differentiate(filters, j, error, gain, cycle)
-        by_current, motor = current_residual(
-            channels,
-            j,
-            current[j],
-            board_error + joint.board_integral,
-            velocity[j] - change[j],
-            acceleration[j] - curvature,
-            friction[j] + joint.load_gain * load_torque[j],
-            pushed,
-        )
-        if good[j]:
-            update_integral(joints, j, board_error, motor, cycle)
-        by_model = position[j] - measured[j] - remainder[j] - bias[j]
-        residuals[j] = by_model
-        residuals[n + j] = by_current - bias[j] if channels[j].by_current else by_model
-        good[j] = good[j] and (math.isfinite(residuals[j] + residuals[n + j]) or no_model[j])
-        count += good[j]
-    return count
-
-
-@kernel
-def _agree(filtered: FloatArray, residual: Out[FloatArray]) -> None:
-    """Take the smaller of two residuals, 0 where their signs differ."""
-    n = len(residual)
-    for j in range(n):
-        model, current = filtered[j], filtered[n + j]
-        size = min(abs(model), abs(current)) if model * current > 0.0 else 0.0
-        residual[j] = math.copysign(size, model)
-
-
-@kernel
-def _follow_hands(
-    filtered: FloatArray, threshold: FloatArray, hands: Out[IntArray], residual: Out[FloatArray]
-) -> None:
-    """Replace the residual of touched joints by that of the current, until it has fallen.
-
-    A board that sums up errors takes a joint back to its target while a hand still holds it: the first channel then
-    shows nothing more, and after the release something that is no touch. ``hands`` has the signs of touches.
-    """
-    n = len(residual)
-    for j in range(n):
-        by_current = filtered[n + j]
-        if abs(residual[j]) > threshold[j]:
-            hands[j] = 1 if residual[j] > 0.0 else -1
-        elif by_current * hands[j] <= QUIET_RATIO * threshold[j]:
-            hands[j] = 0
-        if hands[j] != 0:
-            residual[j] = by_current
-
-
-@kernel
 def _join_limbs(
     limbs: IntArray, count: int, residual: FloatArray, threshold: Out[FloatArray]
 ) -> None:
@@ -191,51 +96,124 @@ def _join_limbs(
 
 
 @kernel
-def _express(
+def _set_thresholds(
+    spreads: Records[SpreadState],
+    states: Out[Records[ThresholdState]],
+    factors: FloatArray,
+    rest_ticks: int,
+    doubts: Records[DoubtState],
+    model: Records[StickSlipState],
+    desired: FloatArray,
+    load_doubt: FloatArray,
+    limited: BoolArray,
+    own: Out[FloatArray],
+    raised: Out[FloatArray],
+) -> None:
+    """Compute the threshold of each joint alone, and the same raised where it is in doubt."""
+    for j in range(len(own)):
+        own[j] = step_threshold(
+            spreads,
+            states,
+            factors,
+            j,
+            model[j].velocity,
+            desired[j],
+            load_doubt[j],
+            limited[j],
+            rest_ticks,
+        )
+        raised[j] = raise_threshold(doubts, j, own[j])
+
+
+@kernel
+def _decide(
+    limbs: IntArray,
+    limb_count: int,
+    joints: Records[PredictedJoint],
+    thresholds: Records[ThresholdState],
+    torques: Out[Records[TorqueState]],
+    currents: Out[Matrix[FloatArray]],
+    count: int,
+    doubts: Out[Records[DoubtState]],
+    hands: Out[IntArray],
     target: FloatArray,
-    position: FloatArray,
+    load_torque: FloatArray,
+    model: Records[StickSlipState],
+    filtered: FloatArray,
     remainder: FloatArray,
     bias: FloatArray,
+    measured: FloatArray,
+    current: FloatArray,
+    own: FloatArray,
     blind: BoolArray,
-    expected: Out[FloatArray],
     residual: Out[FloatArray],
     threshold: Out[FloatArray],
     torque: Out[FloatArray],
     torque_std: Out[FloatArray],
+    expected: Out[FloatArray],
+    band: Out[FloatArray],
+    doubtful: Out[BoolArray],
 ) -> None:
-    """Compute the expected error; set all values of blind joints to NaN."""
-    for j in range(len(expected)):
-        expected[j] = target[j] - position[j] + remainder[j] + bias[j]
+    """Compute what :class:`Residuals` has of each joint."""
+    _join_limbs(limbs, limb_count, residual, threshold)
+    n = len(residual)
+    for j in range(n):
+        moving, by_model, by_current = thresholds[j].moving, filtered[j], filtered[n + j]
+        residual[j] = follow_hand(hands, j, residual[j], by_current, threshold[j])
+        torque[j], torque_std[j] = estimate_torque(
+            torques,
+            currents,
+            count,
+            j,
+            by_model,
+            by_current,
+            model[j].friction,
+            threshold[j],
+            measured[j],
+            moving,
+            load_torque[j],
+            current[j],
+        )
+        doubtful[j] = step_doubt(doubts, j, by_model, residual[j], own[j], moving, blind[j])
+        expected[j] = target[j] - model[j].position + remainder[j] + bias[j]
+        band[j] = friction_band(joints, j, load_torque[j], moving)
         if blind[j]:
             expected[j] = residual[j] = threshold[j] = torque[j] = torque_std[j] = math.nan
 
 
 @kernel
-def _judge(
+def _learn(
+    joints: Records[PredictedJoint],
+    states: Out[Records[StickSlipState]],
+    spreads: Out[Records[SpreadState]],
+    thresholds: Out[Records[ThresholdState]],
     residual: FloatArray,
     threshold: FloatArray,
-    speed: FloatArray,
+    model: Records[StickSlipState],
     free: BoolArray,
     blind: BoolArray,
     doubtful: BoolArray,
     limited: BoolArray,
-    pace: float,
+    bias_pace: float,
+    model_pace: float,
+    learns_spread: bool,
     bias: Out[FloatArray],
-    touched: Out[BoolArray],
-    seen: Out[BoolArray],
-    resting: Out[BoolArray],
     sliding: Out[BoolArray],
 ) -> None:
-    """Mark joints that are touched, the free ones that can be judged, and which of these rest or slide; update bias."""
-    for j in range(len(residual)):
-        touched[j] = not (free[j] or blind[j] or doubtful[j])
-        seen[j] = free[j] and not (blind[j] or limited[j])
-        quiet = seen[j] and abs(residual[j]) < QUIET_RATIO * threshold[j]
-        slides = abs(speed[j]) > REST_SPEED
-        resting[j] = quiet and not slides
-        sliding[j] = seen[j] and slides
-        if quiet:
-            bias[j] += pace * residual[j]
+    """Learn from the joints without touch that can be judged; mark those that slide, and those that are touched."""
+    n = len(residual)
+    for j in range(n):
+        thresholds[j].touched = not (free[j] or blind[j] or doubtful[j])
+        seen = free[j] and not (blind[j] or limited[j])
+        sliding[j] = seen and abs(model[j].velocity) > REST_SPEED
+        if not seen:
+            continue
+        if abs(residual[j]) < QUIET_RATIO * threshold[j]:
+            bias[j] += bias_pace * residual[j]
+            if not sliding[j]:
+                rest(joints, states, j, residual[j], model_pace)
+        if learns_spread:
+            learn_spread(spreads, thresholds[j].phase * n + j, residual[j], MIN_SPREAD)
 
 
 @dataclass(slots=True)
@@ -279,10 +257,7 @@ class FusionParts:
 class FusionGenerator:
     """Residual on which two channels must agree, filtered by a short running median.
 
-    The stick-slip model shows a touch as an unexpected position, the motor current as a torque that a free motion does
-    not need (:func:`current_residual`). The residual is the smaller of the two, and 0 where they contradict each other:
-    a board that follows another target than the command shows in the first channel alone, a current of the wrong
-    sign in the second one. Where the current does not show the torque, the model alone counts.
+    :class:`ChannelComparison` has the residual of each joint, :class:`SpreadThreshold` its threshold.
 
     A joint is blind
 
@@ -294,11 +269,6 @@ class FusionGenerator:
       trunk also if a board of any limb does.
 
     It stays blind until the median window has none of these samples. Its model then starts from the measured position.
-
-    A joint is in doubt if its command has rested for SETTLING_TICKS and more while the first channel alone was beyond
-    the threshold: it rests off its place, and its motor does not work against that. Its friction may then have any
-    sign. From QUIET_RATIO of the threshold on, until the first channel is within this again, and for SETTLING_TICKS
-    after it was blind, its threshold is UNSURE_FACTOR times as high.
 
     Args:
         models: By joint, None for those without.
@@ -334,8 +304,6 @@ class FusionGenerator:
         self._cycle, self._window, self._adapt = cycle, window, adapt
         self._base = base
         self._predictor = ErrorPredictor(models, cycle)
-        self._channels = current_channels(models)
-        self._derivatives = ErrorDerivatives(n, cycle)
         self.no_model = np.array([m is None for m in models])
         spread = np.array([(np.nan,) * 3 if m is None else m.spread for m in models])
         gain = self._predictor.identified["load_gain"]
@@ -344,28 +312,33 @@ class FusionGenerator:
             gain,
             cycle,
             false_contacts=false_contacts,
-            adapt=adapt,
         )
         self.bounds = self._threshold.bounds
-        self._carries = _carries(n, limbs)
-        self._limb_numbers = np.arange(1, n + 1) if limbs is None else limbs
-        self._limbs = self._limb_numbers if parts.limbs else np.arange(n)
+        limb_numbers = np.arange(1, n + 1) if limbs is None else limbs
+        self._limbs = limb_numbers if parts.limbs else np.arange(n)
         self._limb_count = int(self._limbs.max()) + 1
-        self._torque = TorqueEstimate(
+        self._channels = ChannelComparison(
             models,
             cycle,
+            window=window,
+            carries=_carries(n, limbs),
+            uses_model=parts.model,
+            uses_current=parts.current,
+        )
+        self._torque = TorqueEstimate(
+            models,
             window=window,
             stiffness=1.0 / gain if stiffness is None else stiffness,
             spread=spread.max(axis=1) / SPREAD_STDS,
             motor_torque=motor_torque,
         )
-        self._median = RunningMedian(window, 2 * n)
         self._loads, self._no_doubt = loads, np.zeros(n)
-        self._doubt = JointDoubt(n, cycle)
-        self._check_inputs, self._exclude_behind = _check_inputs.load(), _exclude_behind.load()
-        self._combine, self._agree = _combine.load(), _agree.load()
-        self._join_limbs, self._follow_hands = _join_limbs.load(), _follow_hands.load()
-        self._express, self._judge = _express.load(), _judge.load()
+        self._confirmation = BaseConfirmation(limb_numbers)
+        self._check_inputs, self._join_limbs = _check_inputs.load(), _join_limbs.load()
+        self._set_thresholds, self._decide = _set_thresholds.load(), _decide.load()
+        self._learn = _learn.load()
+        self._bias_pace = cycle / BIAS_TIME if adapt and parts.bias else 0.0
+        self._model_pace = cycle / CORRECTION_TIME
         self.reset()
 
     def reset(self) -> None:
@@ -376,29 +349,24 @@ class FusionGenerator:
         self._torque.reset()
         if self._loads is not None:
             self._loads.reset()
-        self._derivatives.reset()
-        self._median.reset()
-        for name in ("answered", "recent", "steady"):
-            self._channels[name] = 0
+        self._channels.reset()
         if self._base is not None:
             self._base.reset()
         self._blind_ticks = np.zeros(n, dtype=np.int64)
         self._blind_countdown = 0
-        self._base_quiet, self._confirming, self._untouched = PUSH_TICKS, 0, True
-        self._doubt.reset()
+        self._confirmation.reset()
+        self._doubts = make_records(DoubtState, n)
         self._change, self._bias = np.zeros(n), np.zeros(n)
-        self._hands = np.zeros(n, dtype=np.int64)
         self._settling_ticks = np.zeros(n, dtype=np.int64)
         self._settling_countdown = 0
 
     def step(self, tick: Tick) -> Residuals:
         """Take in one tick."""
         measurement, reference, n = tick.measurement, tick.reference, len(self.no_model)
-        target, load_torque = contiguous(tick.sent.position), contiguous(reference.load_torque)
-        velocity, acceleration = contiguous(reference.velocity), contiguous(reference.acceleration)
-        measured, current = contiguous(measurement.position), contiguous(measurement.current)
-        limited = np.ascontiguousarray(tick.limited, np.bool_)
-        good = np.empty(n, np.bool_)
+        target, load_torque = tick.sent.position, reference.load_torque
+        velocity, acceleration = reference.velocity, reference.acceleration
+        measured, current = measurement.position, measurement.current
+        limited, good = tick.limited, np.empty(n, np.bool_)
         count = self._check_inputs(
             target,
             load_torque,
@@ -406,7 +374,7 @@ class FusionGenerator:
             acceleration,
             measured,
             current,
-            contiguous(tick.sent.stiffness),
+            tick.sent.stiffness,
             good,
         )
         late = measurement.age / self._cycle
@@ -420,81 +388,88 @@ class FusionGenerator:
             velocity, acceleration = _zero_invalid(velocity), _zero_invalid(acceleration)
             current = _zero_invalid(current)
         if self._loads is not None:
-            if not lost:
-                self._step_loads(self._loads, target, measured, velocity, acceleration, good)
+            if count == n:
+                self._loads.step(target, velocity, acceleration)
+            elif not lost:
+                # A limp joint hangs elsewhere than its command.
+                moves = np.where(good, (velocity, acceleration), 0.0)
+                self._loads.step(np.where(good, target, measured), *moves)
             load_torque = load_torque + self._loads.torque
         self._predictor.step(target, load_torque, velocity, acceleration, measured)
         # A late sample is the response to an older command.
         prediction = self._predictor.before(late_ticks)
-        falls_behind = self._exclude_behind(
-            prediction.target, prediction.board_target, self._carries, good
+        channels = self._channels.step(
+            self._predictor.joints,
+            prediction,
+            measured,
+            current,
+            self._bias,
+            good,
+            pushed=self._confirmation.pushed,
         )
-        channels, count = self._residuals(prediction, measured, current, good)
-        if not self._parts.model:
-            channels[:n] = channels[n:]
-        if not self._parts.current:
-            channels[n:] = channels[:n]
-        bad = None
-        if count < n:
-            bad = ~good
-            channels[np.tile(bad, 2)] = 0.0
-        both = self._median.push(channels)
-        raw, filtered = np.empty(n), np.empty(n)
-        self._agree(channels, raw)
-        self._agree(both, filtered)
-        if bad is not None:
-            raw[bad] = np.nan
-        blind = self._blind(bad, measured)
-        own = self._threshold.step(prediction.speed, prediction.velocity, limited)
-        moving = self._threshold.moving
-        load_doubt = self._no_doubt if self._loads is None else self._loads.doubt
-        alone = self._doubt.raise_thresholds(own, load_doubt, moving)
+        self._change = channels.change
+        blind = self._blind(channels.bad, measured)
+        state, torques = self._threshold, self._torque
+        own, alone = np.empty((2, n))
+        self._set_thresholds(
+            state.spreads,
+            state.states,
+            state.factors,
+            state.rest_ticks,
+            self._doubts,
+            prediction.model,
+            prediction.velocity,
+            self._no_doubt if self._loads is None else self._loads.doubt,
+            limited,
+            own,
+            alone,
+        )
         threshold = alone.copy()
         base = (np.nan, np.nan)
         if self._base is not None:
-            base = self._base.step(tick, late_ticks > 0, lost, falls_behind)
-            if self._confirms(base[1]):
-                # What shakes the base shakes all limbs a little: the one that shows most of it.
-                # What a joint has shown for longer is of another push, or of none.
-                limbs, fresh = self._limb_numbers, self._doubt.fresh
-                candidates = fresh & (limbs != 0) & ~blind
-                ratio = np.where(candidates, np.abs(filtered) / threshold, 0.0)
-                largest = np.argmax(ratio)
-                if ratio[largest] > 0.0:
-                    threshold[fresh & (limbs == limbs[largest])] *= CONFIRMING_RATIO
-        self._join_limbs(self._limbs, self._limb_count, filtered, threshold)
-        self._follow_hands(both, threshold, self._hands, filtered)
-        torque, torque_std = self._torque.step(
-            both,
-            prediction.friction,
-            threshold,
-            measured,
-            moving,
-            prediction.load_torque,
-            current,
-        )
-        doubtful = self._doubt.step(both, filtered, own, moving, blind)
-        expected_error = np.empty(n)
-        self._express(
+            base = self._base.step(tick, late_ticks > 0, lost, channels.falls_behind)
+            if self._confirmation.step(base[1]) and self._parts.confirmation:
+                # Quiet when a push began that shows only now.
+                fresh = self._doubts["loud_ticks"] <= PUSH_TICKS
+                self._confirmation.lower(threshold, channels.residual, fresh, blind)
+        (torque, torque_std, expected, band), doubtful = np.empty((4, n)), np.empty(n, np.bool_)
+        self._decide(
+            self._limbs,
+            self._limb_count,
+            self._predictor.joints,
+            state.states,
+            torques.states,
+            torques.currents,
+            torques.count,
+            self._doubts,
+            self._channels.hands,
             prediction.target,
-            prediction.position,
-            prediction.remainder,
+            prediction.load_torque,
+            prediction.model,
+            channels.filtered,
+            channels.remainder,
             self._bias,
+            measured,
+            current,
+            own,
             blind,
-            expected_error,
-            filtered,
+            channels.residual,
             threshold,
             torque,
             torque_std,
+            expected,
+            band,
+            doubtful,
         )
+        torques.count += 1
         return Residuals(
-            expected=expected_error,
-            raw=raw,
-            residual=filtered,
+            expected=expected,
+            raw=channels.raw,
+            residual=channels.residual,
             threshold=threshold,
             torque=torque,
             torque_std=torque_std,
-            friction_band=self._predictor.friction_band(prediction, moving),
+            friction_band=band,
             blind=blind,
             doubtful=doubtful,
             base_raw=base[0],
@@ -502,35 +477,6 @@ class FusionGenerator:
             base_drives=self._base is not None and self._base.drives,
             detail=_Detail(prediction, measured, limited, alone),
         )
-
-    @staticmethod
-    def _step_loads(
-        loads: HandLoads,
-        target: FloatArray,
-        measured: FloatArray,
-        velocity: FloatArray,
-        acceleration: FloatArray,
-        good: BoolArray,
-    ) -> None:
-        """Take a tick in: a limp joint hangs elsewhere than its command."""
-        if not good.all():
-            target = np.where(good, target, measured)
-            velocity, acceleration = np.where(good, (velocity, acceleration), 0.0)
-        loads.step(target, velocity, acceleration)
-
-    def _confirms(self, base_residual: float) -> bool:
-        """Return True while a push on the base confirms one on a limb."""
-        if abs(base_residual) > 1.0:
-            # A hand that lets go shakes the base as well.
-            if self._base_quiet >= PUSH_TICKS and self._untouched:
-                self._confirming = PUSH_TICKS
-            self._base_quiet = 0
-        else:
-            self._base_quiet += 1
-        if not self._confirming or not self._parts.confirmation:
-            return False
-        self._confirming -= 1
-        return True
 
     def _blind(self, bad: BoolArray | None, measured: FloatArray) -> BoolArray:
         """Return the (n,) joints that cannot be judged; their stick-slip models follow the measured position."""
@@ -557,49 +503,10 @@ class FusionGenerator:
         measured = np.where(np.abs(measured) < MAX_PLAUSIBLE, measured, harmless)
         return np.where(np.abs(target) < MAX_PLAUSIBLE, target, measured), measured
 
-    def _residuals(
-        self, prediction: Prediction, measured: FloatArray, current: FloatArray, good: BoolArray
-    ) -> tuple[FloatArray, int]:
-        """Return (2 n,) residuals [rad], and how many joints are good; clear ``good`` where there is none."""
-        derivatives = self._derivatives
-        if not derivatives.started:
-            derivatives.start(prediction.target - measured)
-        change, residuals = np.empty(len(good)), np.empty(2 * len(good))
-        count = self._combine(
-            self._predictor.joints,
-            derivatives.filters,
-            self._channels,
-            prediction.target,
-            prediction.board_target,
-            prediction.load_torque,
-            prediction.velocity,
-            prediction.acceleration,
-            prediction.position,
-            prediction.friction,
-            prediction.remainder,
-            measured,
-            current,
-            self._bias,
-            derivatives.gain,
-            self._cycle,
-            self._base_quiet < PUSH_TICKS,
-            self.no_model,
-            good,
-            change,
-            residuals,
-        )
-        self._change = change
-        return residuals, count
-
-    @property
-    def moving(self) -> BoolArray:
-        """(n,) joints that slide without touch, or did just before."""
-        return self._threshold.moving
-
     @property
     def phase(self) -> IntArray:
         """(n,) phase of the motion of each joint; see :mod:`~pepper_driver.observer.detection.threshold`."""
-        return self._threshold.phase
+        return self._threshold.states["phase"]
 
     @property
     def worn(self) -> BoolArray:
@@ -617,35 +524,30 @@ class FusionGenerator:
         """Learn from a tick, once its events are known; see :class:`ResidualGenerator`."""
         detail, residual, blind = residuals.detail, residuals.residual, residuals.blind
         assert isinstance(detail, _Detail)
-        assert residuals.doubtful is not None
-        learns_bias = self._adapt and self._parts.bias
         self._settle(settled, blind, detail.measured)
-        n = len(residual)
-        touched, seen = np.empty(n, np.bool_), np.empty(n, np.bool_)
-        resting, sliding = np.empty(n, np.bool_), np.empty(n, np.bool_)
-        self._judge(
+        sliding = np.empty(len(residual), np.bool_)
+        self._learn(
+            self._predictor.joints,
+            self._predictor.states,
+            self._threshold.spreads,
+            self._threshold.states,
             residual,
             detail.threshold,
-            detail.prediction.speed,
+            detail.prediction.model,
             free,
             blind,
             residuals.doubtful,
             detail.limited,
-            self._cycle / BIAS_TIME if learns_bias and untouched else 0.0,
+            self._bias_pace if untouched else 0.0,
+            self._model_pace,
+            self._adapt and untouched,
             self._bias,
-            touched,
-            seen,
-            resting,
             sliding,
         )
-        self._threshold.hold(touched)
-        if untouched and self._loads is not None:
-            self._loads.learn(residual, detail.threshold, sliding)
-        # Also without adaptation: this corrects the state of the models.
-        self._predictor.rest(resting, residual)
-        self._untouched = untouched
+        self._confirmation.untouched = untouched
         if untouched:
-            self._threshold.learn(residual, seen)
+            if self._loads is not None:
+                self._loads.learn(residual, detail.threshold, sliding)
             if self._base is not None:
                 self._base.learn()
 
@@ -658,7 +560,7 @@ class FusionGenerator:
         self._settling_countdown -= 1
         self._settling_ticks = np.maximum(self._settling_ticks - 1, 0)
         # A model that starts during a motion would have its friction in the wrong direction.
-        rests = ~self._threshold.moving & (np.abs(self._change) <= REST_SPEED)
+        rests = ~self._threshold.states["moving"] & (np.abs(self._change) <= REST_SPEED)
         settles = (self._settling_ticks > 0) & rests & ~blind
         self._settling_ticks[settles] = 0
         self._reset_models(settles, measured)
@@ -666,9 +568,7 @@ class FusionGenerator:
     def _reset_models(self, where: BoolArray, measured: FloatArray) -> None:
         """Reset the stick-slip models to the measured positions."""
         if np.count_nonzero(where):
-            # Older residuals were those of the model before its reset.
-            self._median.clear(np.tile(where, 2))
-            self._derivatives.put(where, self._predictor.before(0).target - measured)
+            self._channels.put(where, self._predictor.before(0).target - measured)
             self._predictor.put(where, measured)
 
 

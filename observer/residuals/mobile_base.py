@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from pepper_driver.config import RobotConfig
-from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray, contiguous
+from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray
 from pepper_driver.config.kernels import Block, Matrix, Out, Records, kernel, make_records
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
@@ -31,7 +31,7 @@ from pepper_driver.observer.detection.threshold import (
 )
 from pepper_driver.observer.interface import MAX_PLAUSIBLE
 from pepper_driver.observer.models.fusion_model import OUTPUTS, TAPS, BaseModel
-from pepper_driver.observer.running_filters import RunningMedian
+from pepper_driver.observer.running_filters import RunningMedian, push_median
 
 FROZEN_TICKS = 2
 """From which on values that the inertial unit repeats count as missing: the filter takes out fewer."""
@@ -190,51 +190,119 @@ def _compare(
 
 @kernel
 def _norm(
-    filtered: FloatArray, spreads: Records[SpreadState], factor: float, axis: int
+    filtered: FloatArray, spreads: Records[SpreadState], phase: int, factor: float, axis: int
 ) -> tuple[int, float]:
     """Return the output to report, and the norm of all residuals over their thresholds, with its sign.
 
     The sign of the reported output is that of the contact: it must not change between outputs of similar size.
     ``axis`` is the one reported before.
     """
-    largest, square = 0, 0.0
+    largest, square, first = 0, 0.0, phase * len(filtered)
     for output in range(len(filtered)):
-        ratio = filtered[output] / spreads[output].today
+        ratio = filtered[output] / spreads[first + output].today
         square += ratio * ratio
-        if abs(ratio) > abs(filtered[largest] / spreads[largest].today):
+        if abs(ratio) > abs(filtered[largest] / spreads[first + largest].today):
             largest = output
-    before = abs(filtered[axis] / spreads[axis].today)
-    if before < QUIET_RATIO * abs(filtered[largest] / spreads[largest].today):
+    before = abs(filtered[axis] / spreads[first + axis].today)
+    if before < QUIET_RATIO * abs(filtered[largest] / spreads[first + largest].today):
         axis = largest
     return axis, math.copysign(math.sqrt(square) / factor, filtered[axis])
 
 
 @kernel
-def _judge_base(
-    error: FloatArray,
-    filtered: FloatArray,
+def _step(
+    inputs: Out[Matrix[FloatArray]],
+    count: int,
+    sent_speed: FloatArray,
+    load_torque: FloatArray,
+    velocity: FloatArray,
+    desired_acceleration: FloatArray,
+    legs: IntArray,
+    inverse: Matrix[FloatArray],
+    response: Block[FloatArray],
+    settling: int,
+    ticks: Out[Records[BaseTicks]],
+    sampled: bool,
+    wheel_speed: FloatArray,
+    angular_velocity: FloatArray,
+    acceleration: FloatArray,
+    memory: int,
+    inertial: Out[FloatArray],
+    repeats: Out[IntArray],
+    missing: Out[IntArray],
+    level: Out[FloatArray],
+    seen: Out[BoolArray],
+    rings: Out[Matrix[FloatArray]],
+    samples: int,
+    ordered: Out[FloatArray],
     spreads: Records[SpreadState],
     factor: float,
     axis: int,
     pace: float,
-    level: Out[FloatArray],
-) -> tuple[int, float, float]:
-    """Return the output to report, and the norms before and after the filter; update the (3,) levels."""
+    filtered: Out[FloatArray],
+) -> tuple[int, bool, int, float, float]:
+    """Take in the commands of a tick; if it is ``sampled``, compare its sample with the prediction, and filter it.
+
+    The arguments are those of ``_respond``, ``_compare`` and ``push_median``.
+
+    Returns:
+        The phase of the base; True if all values are valid; the output to report; the norms before and after the
+        filter.
+    """
+    predicted, error = np.empty_like(filtered), np.empty_like(filtered)
+    phase = _respond(
+        inputs,
+        count,
+        sent_speed,
+        load_torque,
+        velocity,
+        desired_acceleration,
+        legs,
+        inverse,
+        response,
+        settling,
+        ticks,
+        predicted,
+    )
+    if not sampled:
+        return phase, True, axis, math.nan, math.nan
+    valid = _compare(
+        predicted,
+        wheel_speed,
+        inverse,
+        angular_velocity,
+        acceleration,
+        memory,
+        inertial,
+        repeats,
+        missing,
+        level,
+        seen,
+        error,
+    )
+    for output in range(len(filtered)):
+        # The median must take in a number: a NaN would spoil the whole window.
+        filtered[output] = push_median(rings, output, samples, error[output], ordered)
     for i in range(len(level)):
         # After the filter: a single sample that is wrong would move the level for seconds.
         level[i] -= pace * filtered[3 + i]
-    axis, residual = _norm(filtered, spreads, factor, axis)
-    _, raw = _norm(error, spreads, factor, axis)
-    return axis, raw, residual
+    axis, residual = _norm(filtered, spreads, phase, factor, axis)
+    _, raw = _norm(error, spreads, phase, factor, axis)
+    return phase, valid, axis, raw, residual
 
 
 @kernel
-def _learn_base(
-    spreads: Out[Records[SpreadState]], filtered: FloatArray, smallest: FloatArray, seen: BoolArray
+def _learn(
+    spreads: Out[Records[SpreadState]],
+    phase: int,
+    filtered: FloatArray,
+    smallest: FloatArray,
+    seen: BoolArray,
 ) -> None:
-    for output in range(len(filtered)):
+    count = len(filtered)
+    for output in range(count):
         if seen[output]:
-            learn_spread(spreads, output, filtered[output], smallest[output])
+            learn_spread(spreads, phase * count + output, filtered[output], smallest[output])
 
 
 class BaseGenerator:
@@ -270,10 +338,9 @@ class BaseGenerator:
         # The load enters by its change over the response: accelerations of the limbs move the base, weight does not.
         response[-1, 3:] -= response[:, 3:].sum(axis=0)
         self._response, self._has_unit = response, model.has_inertial_unit
-        self._identified = [
-            np.maximum(np.array(spread), MIN_SPREADS)
-            for spread in (model.still, model.moving, model.shaking, model.driving)
-        ]
+        # By phase and output.
+        spreads = np.array((model.still, model.moving, model.shaking, model.driving))
+        self._identified = np.maximum(spreads, MIN_SPREADS).ravel()
         self._factor, self._adapt = threshold_factor(false_contacts, TAIL), adapt
         self._legs = np.array(leg_indices(robot), dtype=np.int64)
         self._inverse = np.array(robot.wheels.inverse, dtype=np.float64, order="C")
@@ -282,8 +349,7 @@ class BaseGenerator:
             robot.cycle / CORRECTION_TIME,
             round(CORRECTION_TIME / robot.cycle),
         )
-        self._respond, self._compare = _respond.load(), _compare.load()
-        self._judge, self._learn = _judge_base.load(), _learn_base.load()
+        self._step, self._learn = _step.load(), _learn.load()
         self.reset()
 
     def reset(self) -> None:
@@ -292,10 +358,9 @@ class BaseGenerator:
         self._median = RunningMedian(self._window, len(OUTPUTS))
         self._level, self._inertial = np.full(3, np.nan), np.full(3, np.nan)
         self._missing, self._repeats = np.zeros(3, dtype=np.int64), np.zeros(1, dtype=np.int64)
-        self._spreads = [
-            make_records(SpreadState, len(OUTPUTS), identified=spread, today=spread)
-            for spread in self._identified
-        ]
+        self._spreads = make_records(
+            SpreadState, len(self._identified), identified=self._identified, today=self._identified
+        )
         self.phase = 0
         self._count = 0
         self._ticks = make_records(
@@ -319,28 +384,52 @@ class BaseGenerator:
             lost: True if the sample is too late for that as well.
             wrong_load: True if joints do not follow their commands: the response to their load is not known.
         """
-        predicted = self._predict(tick)
+        measurement, reference, median = tick.measurement, tick.reference, self._median
+        sampled = not (late or lost)
+        if sampled:
+            self.filtered = np.empty(len(OUTPUTS))
+        self.phase, valid, axis, raw, filtered = self._step(
+            self._inputs,
+            self._count,
+            tick.sent.wheel_speed,
+            reference.load_torque,
+            reference.velocity,
+            reference.acceleration,
+            self._legs,
+            self._inverse,
+            self._response,
+            self._settling,
+            self._ticks,
+            sampled,
+            measurement.wheel_speed,
+            measurement.imu.angular_velocity,
+            measurement.imu.acceleration,
+            self._memory,
+            self._inertial,
+            self._repeats,
+            self._missing,
+            self._level,
+            self.seen,
+            median.rings,
+            median.count,
+            median.ordered,
+            self._spreads,
+            self._factor,
+            self._axis,
+            self._pace,
+            self.filtered,
+        )
+        self._count += 1
         self._judged = False
         if wrong_load:
             self._blind = TAPS + self._window
         elif lost or self._count < TAPS:
             self._blind = max(self._blind, self._window)
-        if late or lost:
+        if not sampled:
             return (np.nan, np.nan) if self._blind else self._last
-        error, valid = self._error(tick, predicted)
+        median.count += 1
         if not valid:
             self._blind = max(self._blind, self._window)
-        # The median must take in a number: a NaN would spoil the whole window.
-        self.filtered = self._median.push(error)
-        axis, raw, filtered = self._judge(
-            error,
-            self.filtered,
-            self._spreads[self.phase],
-            self._factor,
-            self._axis,
-            self._pace,
-            self._level,
-        )
         if self._blind:
             self._blind -= 1
             return np.nan, np.nan
@@ -355,51 +444,12 @@ class BaseGenerator:
     def learn(self) -> None:
         """Learn from the last tick, in which no part of the robot was touched."""
         if self._adapt and self._judged:
-            self._learn(self._spreads[self.phase], self.filtered, MIN_SPREADS, self.seen)
+            self._learn(self._spreads, self.phase, self.filtered, MIN_SPREADS, self.seen)
 
     @property
     def misses_inertial_unit(self) -> bool:
         """True if an inertial unit that the model knows has given no values, or the same ones, for CORRECTION_TIME."""
         return self._has_unit and bool((self._missing > self._memory).any())
-
-    def _predict(self, tick: Tick) -> FloatArray:
-        """Take in the commands of a tick; return the (6,) predicted outputs."""
-        predicted, reference = np.empty(len(OUTPUTS)), tick.reference
-        self.phase = self._respond(
-            self._inputs,
-            self._count,
-            contiguous(tick.sent.wheel_speed),
-            contiguous(reference.load_torque),
-            contiguous(reference.velocity),
-            contiguous(reference.acceleration),
-            self._legs,
-            self._inverse,
-            self._response,
-            self._settling,
-            self._ticks,
-            predicted,
-        )
-        self._count += 1
-        return predicted
-
-    def _error(self, tick: Tick, predicted: FloatArray) -> tuple[FloatArray, bool]:
-        """Take in the measurement; return the (6,) predicted minus the measured outputs, and if they are valid."""
-        measurement, error = tick.measurement, np.empty(len(OUTPUTS))
-        valid = self._compare(
-            predicted,
-            contiguous(measurement.wheel_speed),
-            self._inverse,
-            contiguous(measurement.imu.angular_velocity),
-            contiguous(measurement.imu.acceleration),
-            self._memory,
-            self._inertial,
-            self._repeats,
-            self._missing,
-            self._level,
-            self.seen,
-            error,
-        )
-        return error, valid
 
 
 def leg_indices(robot: RobotConfig) -> list[int]:

@@ -207,13 +207,13 @@ def current_residual(
     needed = p.inertia * acceleration + p.lag * velocity + resistance + p.offset
     size, output = p.torque_per_ampere * current, drive - p.back_emf * velocity
     p.recent = max(size, p.recent * (1.0 - 1.0 / SETTLING_TICKS))
-    lowest = MIN_DRIVE / UNSURE_FACTOR
-    p.steady = p.steady + 1 if size > max(REVERSAL_RATIO * p.recent, lowest) else 0
-    side = 1 if output > 0.0 else -1
-    shown = side == p.answered or pushed
-    answers = UNSURE_FACTOR * size > abs(output) > (lowest if pushed else MIN_DRIVE)
-    answers = answers and (shown or p.steady <= SETTLING_TICKS)
-    answers = answers or (abs(output) > MAX_STRAY and size > UNSURE_FACTOR * abs(needed))
+    min_size = MIN_DRIVE / UNSURE_FACTOR
+    p.steady = p.steady + 1 if size > max(REVERSAL_RATIO * p.recent, min_size) else 0
+    side, min_output = (1 if output > 0.0 else -1), (min_size if pushed else MIN_DRIVE)
+    may_have_side = pushed or side == p.answered or p.steady <= SETTLING_TICKS
+    follows = may_have_side and min_output < abs(output) < UNSURE_FACTOR * size
+    at_limit = abs(output) > MAX_STRAY and size > UNSURE_FACTOR * abs(needed)
+    answers = follows or at_limit
     p.answered = side if answers else 0
     motor = math.copysign(size, output if answers else needed)
     return motor - needed, motor
@@ -255,7 +255,7 @@ class MomentumGenerator(StaticGeneratorMixin):
         self._window = window
         self.no_model = np.array([m is None for m in models])
         self.bounds = threshold
-        self._no_band = np.zeros(len(models))
+        self._no_band, self._no_doubt = np.zeros(len(models)), np.zeros(len(models), np.bool_)
         self.reset()
 
     def reset(self) -> None:
@@ -307,4 +307,5 @@ class MomentumGenerator(StaticGeneratorMixin):
             torque_std=np.full(len(blind), np.nan),
             friction_band=self._no_band,
             blind=blind,
+            doubtful=self._no_doubt,
         )

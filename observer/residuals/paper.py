@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pepper_driver.config.arrays import FloatArray, contiguous
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.interface import MIN_OBSERVED_STIFFNESS, Residuals, StaticGeneratorMixin
 from pepper_driver.observer.models.tree import BatchedTrees, Tree
@@ -38,7 +38,7 @@ class PaperGenerator(StaticGeneratorMixin):
         self._threshold = self.bounds = threshold
         self._window = window
         self.no_model = np.array([tree is None for tree in trees])
-        self._no_band = np.zeros(len(trees))
+        self._no_band, self._no_doubt = np.zeros(len(trees)), np.zeros(len(trees), np.bool_)
         self._no_torque = np.full(len(trees), np.nan)
         self._median = RunningMedian(window, len(trees))
         self.reset()
@@ -53,9 +53,9 @@ class PaperGenerator(StaticGeneratorMixin):
         measurement, reference = tick.measurement, tick.reference
         # Eq. 12 of all joints.
         expected = self._trees.predict(
-            contiguous(reference.velocity),
-            contiguous(reference.acceleration),
-            contiguous(reference.load_torque),
+            reference.velocity,
+            reference.acceleration,
+            reference.load_torque,
         )
         with np.errstate(invalid="ignore", over="ignore"):
             error = tick.sent.position - measurement.position
@@ -81,4 +81,5 @@ class PaperGenerator(StaticGeneratorMixin):
             torque_std=self._no_torque.copy(),
             friction_band=self._no_band,
             blind=blind,
+            doubtful=self._no_doubt,
         )

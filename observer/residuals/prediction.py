@@ -1,4 +1,4 @@
-"""Expected errors of mode ``fusion`` in a tick: stick-slip models, integrals of their motor boards, remainders."""
+"""Expected positions of mode ``fusion`` in a tick: stick-slip models, and integrals of their motor boards."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from pepper_driver.observer.models.stick_slip import (
     StickSlipState,
     stick_slip_constants,
 )
-from pepper_driver.observer.models.tree import BatchedTrees
 
 MAX_LATE_TICKS = 3
 """Ticks by which a sample may be late and still be compared with the prediction for its time."""
@@ -29,25 +28,17 @@ class Prediction:
 
     Attributes:
         target: Position sent [rad].
-        board_target: The same, behind it where the board limits its speed [rad].
         load_torque: Desired [N m].
         velocity: Desired [rad/s].
         acceleration: Desired [rad/s2].
-        position: Position of the stick-slip models [rad].
-        speed: Their velocity [rad/s].
-        friction: Their friction / K, positive against positive motion [rad].
-        remainder: Part of the tracking error that the stick-slip models do not explain [rad].
+        model: States of the stick-slip models.
     """
 
     target: FloatArray
-    board_target: FloatArray
     load_torque: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
-    position: FloatArray
-    speed: FloatArray
-    friction: FloatArray
-    remainder: FloatArray
+    model: Records[StickSlipState]
 
 
 class PredictedJoint:
@@ -83,35 +74,35 @@ def update_integral(
 
 
 @kernel
-def _rest(
+def rest(
     joints: Records[PredictedJoint],
     states: Out[Records[StickSlipState]],
-    where: BoolArray,
-    residual: FloatArray,
+    j: int,
+    residual: float,
     pace: float,
 ) -> None:
-    for j in range(len(where)):
-        state = states[j]
-        # Exactly 0.0: the model sticks, it is not only slow.
-        if where[j] and state.velocity == 0.0:
-            state.position -= pace * residual[j]
-            if joints[j].integrates:
-                state.integral += pace * (joints[j].board_integral - state.integral)
+    """Move the model of a joint at rest without touch by a fraction ``pace`` of its residual [rad]."""
+    joint, state = joints[j], states[j]
+    # Exactly 0.0: the model sticks, it is not only slow.
+    if state.velocity == 0.0:
+        state.position -= pace * residual
+        if joint.integrates:
+            state.integral += pace * (joint.board_integral - state.integral)
 
 
 @kernel
-def _friction_band(
-    joints: Records[PredictedJoint],
-    load_torque: FloatArray,
-    moving: BoolArray,
-    band: Out[FloatArray],
-) -> None:
-    for j in range(len(band)):
-        joint = joints[j]
-        band[j] = joint.band_unloaded + joint.band_per_load * abs(joint.load_gain * load_torque[j])
-        # Friction cannot hold a joint that is to move.
-        if moving[j]:
-            band[j] = 0.0
+def friction_band(
+    joints: Records[PredictedJoint], j: int, load_torque: float, moving: bool
+) -> float:
+    """Return the largest error at which friction can hold a joint [rad], 0 for one that slides.
+
+    It is the range from friction at rest in one direction to that in the other, under a load [N m].
+    """
+    joint = joints[j]
+    # Friction cannot hold a joint that is to move.
+    if moving:
+        return 0.0
+    return joint.band_unloaded + joint.band_per_load * abs(joint.load_gain * load_torque)
 
 
 class ErrorPredictor:
@@ -136,8 +127,6 @@ class ErrorPredictor:
             ]
         )
         self._models = StickSlipModel(self.identified, cycle)
-        self._remainders = BatchedTrees([None if m is None else m.remainder for m in models])
-        self._correction = cycle / CORRECTION_TIME
         p = self.identified
         # Motion in one direction, then break-away in the other.
         both = 1.0 + p["breakaway"]
@@ -150,7 +139,6 @@ class ErrorPredictor:
             integrates=self.integrates,
             integral_rate=p["integral_rate"],
         )
-        self._rest, self._friction_band = _rest.load(), _friction_band.load()
         self.reset()
 
     def reset(self) -> None:
@@ -159,9 +147,14 @@ class ErrorPredictor:
         self._past: deque[Prediction] = deque(maxlen=MAX_LATE_TICKS + 1)
 
     @property
+    def states(self) -> Records[StickSlipState]:
+        """States of the stick-slip models."""
+        return self._models.states
+
+    @property
     def position(self) -> FloatArray | None:
         """(n,) positions of the stick-slip models [rad]; None before the first tick."""
-        return self._models.states["position"] if self._past else None
+        return self.states["position"] if self._past else None
 
     def step(
         self,
@@ -182,18 +175,13 @@ class ErrorPredictor:
         """
         if not self._past:
             self._start(target, load_torque, measured)
-        position, speed, friction = self._models.step(target, load_torque)
         self._past.append(
             Prediction(
                 target=target,
-                board_target=self._models.states["target"].copy(),
                 load_torque=load_torque,
                 velocity=velocity,
                 acceleration=acceleration,
-                position=position,
-                speed=speed,
-                friction=friction,
-                remainder=self._remainders.predict(velocity, acceleration, load_torque),
+                model=self._models.step(target, load_torque),
             )
         )
 
@@ -203,34 +191,17 @@ class ErrorPredictor:
         self._models.start(measured, target)
         # At rest, the integral of a motor board has settled to the load that its error does not explain.
         summed = p["load_gain"] * load_torque + p["offset"] - (target - measured)
-        for integral in (self.joints["board_integral"], self._models.states["integral"]):
+        for integral in (self.joints["board_integral"], self.states["integral"]):
             integral[integrates] = summed[integrates]
 
     def before(self, ticks: int) -> Prediction:
         """Return the prediction of ``ticks`` ticks ago, or of the oldest tick available."""
         return self._past[max(-1 - ticks, -len(self._past))]
 
-    def friction_band(self, prediction: Prediction, moving: BoolArray) -> FloatArray:
-        """Return the (n,) largest errors at which friction can hold the joints [rad], 0 for those that slide.
-
-        It is the range from friction at rest in one direction to that in the other.
-
-        Args:
-            prediction: Of the tick.
-            moving: (n,) joints that slide.
-        """
-        band = np.empty(len(moving))
-        self._friction_band(self.joints, prediction.load_torque, moving, band)
-        return band
-
-    def rest(self, where: BoolArray, residual: FloatArray) -> None:
-        """Move the models of joints (n,) at rest without touch slowly by their residual (n,) [rad]."""
-        self._rest(self.joints, self._models.states, where, residual, self._correction)
-
     def put(self, where: BoolArray, measured: FloatArray) -> None:
         """Reset models to the measured positions: with the desired velocity, or held by friction where it is low."""
         velocity = self._past[-1].velocity
-        integral = self._models.states["integral"]
+        integral = self.states["integral"]
         self._models.put(
             where,
             measured,

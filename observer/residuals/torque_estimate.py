@@ -7,12 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.config.kernels import Out, Records, kernel, make_records
+from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.kernels import Matrix, Out, Records, kernel, make_records
 from pepper_driver.observer.constants import QUIET_RATIO
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.stick_slip import stick_slip_constants
-from pepper_driver.observer.running_filters import RunningMaximum
 
 DAHL_DISTANCE = 0.003
 """[rad] of motion within which friction reverses."""
@@ -77,41 +76,58 @@ def _bounded_torque(
 
 
 @kernel
-def _estimate_torque(
+def estimate_torque(
     states: Out[Records[TorqueState]],
-    channels: FloatArray,
-    friction: FloatArray,
-    threshold: FloatArray,
-    position: FloatArray,
-    moving: BoolArray,
-    load_torque: FloatArray,
-    current: FloatArray,
-    torque: Out[FloatArray],
-    torque_std: Out[FloatArray],
-) -> None:
-    n = len(torque)
-    for j in range(n):
-        state = states[j]
-        if not math.isfinite(state.position):
-            state.slip, state.position = friction[j], position[j]
-        slip = state.slip + (position[j] - state.position) * (state.friction / DAHL_DISTANCE)
-        state.slip = min(max(slip, -state.friction), state.friction)
-        state.position = position[j]
-        # A board at its limit, or one that sums up errors, does not hold what its law says: the current shows it.
-        by_model, by_current, residual = channels[j], channels[n + j], 0.0
-        if by_model * by_current > 0.0:
-            limited = min(abs(by_model), 2.0 * abs(by_current))
-            residual = 0.5 * (by_current + math.copysign(limited, by_current))
-        reversed_part, doubt = 0.0, SLIDING_DOUBT
-        if not moving[j]:
-            doubt = HIDING_DOUBT
-            if abs(residual) > QUIET_RATIO * threshold[j]:
-                doubt, reversed_part = RESTING_DOUBT, state.slip - friction[j]
-        estimate = state.stiffness * (reversed_part - residual)
-        torque[j] = _bounded_torque(states, j, estimate, load_torque[j], current[j])
-        measured = math.hypot(state.spread, by_current - residual)
-        unknown = math.hypot(doubt * state.friction, TORQUE_DOUBT * torque[j] / state.stiffness)
-        torque_std[j] = state.stiffness * math.hypot(measured, unknown)
+    currents: Out[Matrix[FloatArray]],
+    count: int,
+    j: int,
+    by_model: float,
+    by_current: float,
+    friction: float,
+    threshold: float,
+    position: float,
+    moving: bool,
+    load_torque: float,
+    current: float,
+) -> tuple[float, float]:
+    """Take in the tick number ``count`` of a joint; return its external torque and standard deviation [N m].
+
+    Args:
+        states: Of the joints.
+        currents: (n, window) of the last ticks [A].
+        count: Number of the tick.
+        j: Index of the joint.
+        by_model: Residual by the model [rad].
+        by_current: Residual by the current [rad].
+        friction: Of the joint without touch, over K [rad].
+        threshold: Of a contact [rad].
+        position: Measured [rad].
+        moving: True if it slides without touch, or did just before.
+        load_torque: Desired [N m].
+        current: Measured, without its sign [A].
+    """
+    state, ring, residual = states[j], currents[j], 0.0
+    ring[count % len(ring)] = current
+    if not math.isfinite(state.position):
+        state.slip, state.position = friction, position
+    slip = state.slip + (position - state.position) * (state.friction / DAHL_DISTANCE)
+    state.slip = min(max(slip, -state.friction), state.friction)
+    state.position = position
+    # A board at its limit, or one that sums up errors, does not hold what its law says: the current shows it.
+    if by_model * by_current > 0.0:
+        limited = min(abs(by_model), 2.0 * abs(by_current))
+        residual = 0.5 * (by_current + math.copysign(limited, by_current))
+    reversed_part, doubt = 0.0, SLIDING_DOUBT
+    if not moving:
+        doubt = HIDING_DOUBT
+        if abs(residual) > QUIET_RATIO * threshold:
+            doubt, reversed_part = RESTING_DOUBT, state.slip - friction
+    estimate = state.stiffness * (reversed_part - residual)
+    # The residual is filtered: the current that belongs to it may be over.
+    torque = _bounded_torque(states, j, estimate, load_torque, np.max(ring))
+    measured = math.hypot(state.spread, by_current - residual)
+    unknown = math.hypot(doubt * state.friction, TORQUE_DOUBT * torque / state.stiffness)
+    return torque, state.stiffness * math.hypot(measured, unknown)
 
 
 class TorqueEstimate:
@@ -131,17 +147,20 @@ class TorqueEstimate:
 
     Args:
         models: By joint, None for those without.
-        cycle: Period of the ticks [s].
         window: Samples of the median of the residual.
         stiffness: (n,) K [N m/rad], NaN without a model.
         spread: (n,) standard deviation of the residual in free motion [rad].
         motor_torque: (n,) largest torque of the motors, at the joints [N m]; infinite where it is unknown.
+
+    Attributes:
+        states: Of the joints, for :func:`estimate_torque`.
+        currents: (n, window) of the last ticks [A].
+        count: Number of ticks so far.
     """
 
     def __init__(
         self,
         models: Sequence[FusionModel | None],
-        cycle: float,
         *,
         window: int,
         stiffness: FloatArray,
@@ -149,7 +168,7 @@ class TorqueEstimate:
         motor_torque: FloatArray | float = math.inf,
     ) -> None:
         twins = stick_slip_constants([None if m is None else m.twin for m in models])
-        self._states = make_records(
+        self.states = make_records(
             TorqueState,
             len(models),
             stiffness=stiffness,
@@ -164,53 +183,10 @@ class TorqueEstimate:
             ],
             motor_torque=motor_torque,
         )
-        self._memory = window * cycle
-        self._cycle = cycle
-        self._estimate = _estimate_torque.load()
+        self.currents = np.zeros((len(models), window))
         self.reset()
 
     def reset(self) -> None:
         """Forget the previous ticks."""
-        self._states["slip"], self._states["position"] = 0.0, np.nan
-        # The residual is filtered: the current that belongs to it may be over.
-        self._currents = RunningMaximum(self._memory, self._cycle, len(self._states))
-
-    def step(
-        self,
-        channels: FloatArray,
-        friction: FloatArray,
-        threshold: FloatArray,
-        position: FloatArray,
-        moving: BoolArray,
-        load_torque: FloatArray,
-        current: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Take in one tick.
-
-        Args:
-            channels: (2 n,) residuals by the model, then by the current [rad].
-            friction: (n,) friction of the joints without touch, over K [rad].
-            threshold: (n,) of a contact [rad].
-            position: (n,) measured [rad].
-            moving: (n,) joints that slide without touch, or did just before.
-            load_torque: (n,) desired [N m].
-            current: (n,) measured, without its sign [A].
-
-        Returns:
-            (n,) external torque and its standard deviation [N m].
-        """
-        n = len(position)
-        torque, torque_std = np.empty(n), np.empty(n)
-        self._estimate(
-            self._states,
-            channels,
-            friction,
-            threshold,
-            position,
-            moving,
-            load_torque,
-            self._currents.push(current),
-            torque,
-            torque_std,
-        )
-        return torque, torque_std
+        self.states["slip"], self.states["position"] = 0.0, np.nan
+        self.currents[:], self.count = 0.0, 0

@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import median_filter
 
-from pepper_driver.observer.running_filters import RunningMaximum, RunningMedian
-from support.observer import CYCLE
+from pepper_driver.observer.running_filters import RunningMedian
 
 
 @given(st.integers(1, 12), st.integers(1, 40), st.integers(0, 2**32 - 1))
@@ -52,38 +51,3 @@ def test_nan_has_no_effect_after_one_window() -> None:
 def test_refuses_empty_windows(window: int, width: int) -> None:
     with pytest.raises(ValueError, match="1 or more"):
         RunningMedian(window, width)
-
-
-@given(st.integers(1, 12), st.integers(1, 40), st.integers(0, 2**32 - 1))
-def test_the_largest_is_that_of_the_samples_in_the_memory(kept: int, n: int, seed: int) -> None:
-    samples = np.random.default_rng(seed).uniform(-1.0, 1.0, size=(n, 3))
-    largest = RunningMaximum(kept * CYCLE, CYCLE, 3)
-    for k in range(n):
-        expected = np.abs(samples[max(0, k + 1 - kept) : k + 1]).max(axis=0)
-        np.testing.assert_array_equal(largest.push(samples[k]), expected)
-
-
-def test_the_largest_keeps_at_least_this_sample_and_is_not_overwritten() -> None:
-    largest = RunningMaximum(0.0, CYCLE, 1)
-    first = largest.push(np.array([5.0]))
-    assert largest.push(np.array([2.0]))[0] == 2.0
-    assert first[0] == 5.0
-
-
-def test_samples_may_come_in_a_buffer_that_is_written_to_again() -> None:
-    samples = np.random.default_rng(0).uniform(size=(60, 2))
-    largest, buffer = RunningMaximum(5 * CYCLE, CYCLE, 2), np.empty(2)
-    for k in range(60):
-        buffer[:] = samples[k]
-        expected = samples[max(0, k - 4) : k + 1].max(axis=0)
-        np.testing.assert_array_equal(largest.push(buffer), expected)
-
-
-@given(st.integers(1, 9), st.integers(0, 30))
-def test_the_largest_is_nan_as_long_as_one_of_its_samples_is(kept: int, bad: int) -> None:
-    largest = RunningMaximum(kept * CYCLE, CYCLE, 2)
-    for k in range(50):
-        value = largest.push(np.array([np.nan if k == bad else float(k), float(k)]))
-        assert np.isnan(value[0]) == (bad <= k < bad + kept)
-        assert value[1] == k
-        value[:] = -1.0  # what it returned is the caller's

@@ -103,6 +103,7 @@ class Player:
             torque_std=np.where(np.isnan(ratio), np.nan, 0.1),
             friction_band=np.zeros(JOINTS),
             blind=np.isnan(ratio),
+            doubtful=np.zeros(JOINTS, dtype=np.bool_),
             base_raw=base,
             base_residual=base,
             base_drives=self.drives,

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.kernels import make_records
 from pepper_driver.observer.constants import (
     CORRECTION_TIME,
@@ -33,6 +33,7 @@ from pepper_driver.observer.detection.threshold import (
     SpreadThreshold,
     learn_spread,
     spread_thresholds,
+    step_threshold,
     threshold_factor,
 )
 from support.observer import CYCLE
@@ -50,7 +51,6 @@ def made(
     *spreads: tuple[float, float, float],
     load_gain: float = 1e-9,
     false_contacts: float = FALSE_CONTACTS,
-    adapt: bool = True,
 ) -> SpreadThreshold:
     """Thresholds of joints with these spreads at rest, just after they broke away, and sliding, as identified."""
     return SpreadThreshold(
@@ -58,14 +58,44 @@ def made(
         np.full(len(spreads), load_gain),
         CYCLE,
         false_contacts=false_contacts,
-        adapt=adapt,
+    )
+
+
+def step_each(
+    target: SpreadThreshold, speed: FloatArray, desired: FloatArray, limited: BoolArray
+) -> FloatArray:
+    """Thresholds of a tick with these speeds of the models, and desired ones."""
+    return np.array(
+        [
+            step_threshold(
+                target.spreads,
+                target.states,
+                target.factors,
+                j,
+                float(speed[j]),
+                float(desired[j]),
+                0.0,
+                bool(limited[j]),
+                target.rest_ticks,
+            )
+            for j in range(len(speed))
+        ]
     )
 
 
 def step(target: SpreadThreshold, speed: float = 0.0, *, limited: bool = False) -> FloatArray:
     """Thresholds of a tick in which all joints are to move at this speed."""
-    n = len(target.moving)
-    return target.step(np.full(n, speed), np.full(n, speed), np.full(n, limited))
+    n = len(target.states)
+    return step_each(target, np.full(n, speed), np.full(n, speed), np.full(n, limited))
+
+
+def learn(target: SpreadThreshold, *residuals: float | None) -> None:
+    """Take in residuals of joints; None for one that cannot be judged."""
+    n = len(target.states)
+    for j, residual in enumerate(residuals):
+        if residual is not None:
+            phase = int(target.states["phase"][j])
+            learn_spread(target.spreads, phase * n + j, residual, MIN_SPREAD)
 
 
 def slide(target: SpreadThreshold) -> FloatArray:
@@ -117,23 +147,21 @@ def test_spread_converges_to_the_quantile_of_the_residual(start: float) -> None:
         np.quantile(np.abs(residual), SPREAD_QUANTILE, axis=0), quantile, rtol=0.03
     )
     target = made(*((start * q,) * 3 for q in quantile.tolist()))
-    seen = np.ones(3, dtype=np.bool_)
     for row in residual:
-        target.learn(row, seen)
+        learn(target, *row.tolist())
     np.testing.assert_allclose(spread_at_rest(target), quantile, rtol=0.2)
 
 
 @pytest.mark.parametrize("ticks", [12, 84, 840])
 def test_an_excursion_that_nothing_reports_hardly_widens_it(ticks: int) -> None:
     target = made((0.01, 0.01, 0.01))
-    seen = np.ones(1, dtype=np.bool_)
     for _ in range(ticks):
-        target.learn(np.array([0.03]), seen)
+        learn(target, 0.03)
     assert 1.01 < spread_at_rest(target)[0] / 0.01 <= 1.03
     # The next one, after a moment within the spread, as much again.
-    target.learn(np.array([0.0]), seen)
+    learn(target, 0.0)
     for _ in range(ticks):
-        target.learn(np.array([-0.03]), seen)
+        learn(target, -0.03)
     assert spread_at_rest(target)[0] / 0.01 == pytest.approx(1.024**2, rel=2e-3)
 
 
@@ -146,18 +174,16 @@ def test_touches_that_nothing_reports_do_not_make_it_deaf() -> None:
     touched = np.arange(n) % period < touch
     residual[touched] = 3.0 * LN_100 * scale
     target = made((LN_100 * scale,) * 3)
-    seen = np.ones(1, dtype=np.bool_)
     for value in residual:
-        target.learn(np.array([value]), seen)
+        learn(target, value)
     assert 1.0 < spread_at_rest(target)[0] / (LN_100 * scale) < 1.5
 
 
 @pytest.mark.parametrize(("size", "change"), [(99.0, MAX_CHANGE), (0.0, 1.0 / MAX_CHANGE)])
 def test_spread_of_today_stays_near_the_identified_one(size: float, change: float) -> None:
     target = made((0.02, 0.05, 0.03))
-    seen = np.ones(1, dtype=np.bool_)
     for k in range(70_000):
-        target.learn(np.array([size if k % 10 else 0.0]), seen)
+        learn(target, size if k % 10 else 0.0)
     np.testing.assert_allclose(spread_at_rest(target), 0.02 * change, rtol=1e-9)
     assert target.change[0] == 1.0  # it has not moved
     np.testing.assert_allclose(slide(target), SLIDING_FACTOR * 0.03, rtol=1e-9)
@@ -181,19 +207,21 @@ def test_threshold_is_that_of_the_phase_of_the_motion() -> None:
     speeds, desired = REST_SPEED * np.array([1.01, -0.99]), REST_SPEED * np.array([1.01, -1.01])
     no = np.zeros(2, dtype=np.bool_)
     for k in range(SETTLING_TICKS + 10):
-        threshold = target.step(speeds, desired, no)
+        threshold = step_each(target, speeds, desired, no)
         slides = k >= SETTLING_TICKS
         expected = SLIDING_FACTOR * 0.02 if slides else HELD_FACTOR * FACTOR * 0.03
         held = HELD_FACTOR * FACTOR * 0.02
         np.testing.assert_allclose(threshold, [expected, held], rtol=1e-4)
-        np.testing.assert_array_equal(target.moving, [True, False])
-        np.testing.assert_array_equal(target.phase, [SLIDING if slides else BREAKAWAY, REST])
+        np.testing.assert_array_equal(target.states["moving"], [True, False])
+        np.testing.assert_array_equal(
+            target.states["phase"], [SLIDING if slides else BREAKAWAY, REST]
+        )
     # A joint that stops, as one that turns back does, will break away; after a while it rests.
     for k in range(RESTED + 10):
         moving = k < MEMORY - 1
         factor = FACTOR if k >= RESTED else HELD_FACTOR * FACTOR
         assert step(target)[0] == pytest.approx(factor * (0.03 if moving else 0.01), rel=1e-4)
-        assert target.moving[0] == moving
+        assert target.states["moving"][0] == moving
     np.testing.assert_allclose(target.bounds, FACTOR * np.array([0.03, 0.05]), rtol=1e-4)
 
 
@@ -202,7 +230,7 @@ def test_a_joint_that_turns_back_breaks_away_again() -> None:
     slide(target)
     for k in range(SETTLING_TICKS + 2):
         step(target, -1.0 if k else 0.0)
-        assert target.phase[0] == (SLIDING if k > SETTLING_TICKS else BREAKAWAY)
+        assert target.states["phase"][0] == (SLIDING if k > SETTLING_TICKS else BREAKAWAY)
 
 
 def test_thresholds_of_all_phases_by_hand() -> None:
@@ -222,7 +250,7 @@ def test_each_phase_learns_on_its_own_and_each_joint_that_is_seen(phase: int) ->
     else:
         step(target, 1.0 if phase == BREAKAWAY else 0.0)
     for k in range(1000):
-        target.learn(np.array([0.05 if k % 10 else 0.0, 0.05]), np.array([True, False]))
+        learn(target, 0.05 if k % 10 else 0.0, None)
     assert target.change[0] == pytest.approx(MAX_CHANGE if phase == SLIDING else 1.0)
     assert target.change[1] == 1.0
     for _ in range(RESTED + 1):
@@ -243,7 +271,7 @@ def test_no_threshold_is_below_the_smallest_torque_or_a_step_of_the_encoder() ->
     np.testing.assert_allclose(slide(made((1e-5,) * 3)), SLIDING_FACTOR * MIN_SPREAD, rtol=1e-4)
     # Nor does learning lead below it.
     for _ in range(60_000):
-        stiff.learn(np.zeros(1), np.ones(1, dtype=np.bool_))
+        learn(stiff, 0.0)
     np.testing.assert_allclose(step(stiff), FACTOR * MIN_SPREAD, rtol=1e-4)
 
 
@@ -251,19 +279,11 @@ def test_a_command_that_the_gate_alters_doubles_the_threshold_as_long_as_it_does
     target = made((0.01,) * 3, (1e-5,) * 3, load_gain=0.25)
     plain = step(target)
     np.testing.assert_allclose(
-        target.step(np.zeros(2), np.zeros(2), np.array([True, False])), plain * [UNSURE_FACTOR, 1.0]
+        step_each(target, np.zeros(2), np.zeros(2), np.array([True, False])),
+        plain * [UNSURE_FACTOR, 1.0],
     )
     np.testing.assert_allclose(step(target, limited=True), plain * UNSURE_FACTOR)
     np.testing.assert_array_equal(step(target), plain)
-
-
-def test_without_adaptation_thresholds_are_those_identified() -> None:
-    target = made((0.01, 0.03, 0.02), adapt=False)
-    for k in range(200):
-        step(target, 1.0)
-        target.learn(np.array([9.0 if k % 10 else 0.0]), np.ones(1, dtype=np.bool_))
-    assert target.change[0] == 1.0
-    assert slide(target)[0] == pytest.approx(SLIDING_FACTOR * 0.02, rel=1e-4)
 
 
 def test_a_joint_without_a_model_has_no_threshold() -> None:
@@ -277,31 +297,31 @@ def test_reset_forgets_the_session() -> None:
     target = made((0.01, 0.01, 0.01))
     slide(target)
     for k in range(1000):
-        target.learn(np.array([0.05 if k % 10 else 0.0]), np.ones(1, dtype=np.bool_))
+        learn(target, 0.05 if k % 10 else 0.0)
     assert target.change[0] > 1.5
     target.reset()
     assert target.change[0] == 1.0
-    assert not target.moving.any()
+    assert not target.states["moving"].any()
     assert step(target)[0] == pytest.approx(FACTOR * 0.01, rel=1e-4)
 
 
 def test_a_touch_keeps_its_threshold_while_the_joint_turns_and_stops() -> None:
     target = made((0.05, 0.03, 0.01), (0.05, 0.03, 0.01))
     low = slide(target)[0]
-    target.hold(np.array([True, False]))
+    target.states["touched"] = [True, False]
     for k in range(2 * SETTLING_TICKS):
         held, other = step(target, -1.0 if 1 <= k < 5 else 0.0)
         assert held == pytest.approx(low)
         assert other > 2.0 * low
     # A command that the gate alters doubles it all the same.
     assert step(target, limited=True)[0] == pytest.approx(UNSURE_FACTOR * low)
-    target.hold(np.zeros(2, dtype=np.bool_))
+    target.states["touched"] = False
     assert step(target)[0] == pytest.approx(HELD_FACTOR * FACTOR * 0.05, rel=1e-4)
 
 
 def test_a_touch_that_nothing_reports_does_not_widen_the_threshold_of_a_joint_that_swings() -> None:
     """Friction changes its side with the motion; a hand does not."""
-    seen, grown = np.ones(1, dtype=np.bool_), []
+    grown = []
     for alternates in (False, True):
         target = made((0.01,) * 3)
         for k in range(60):
@@ -309,7 +329,7 @@ def test_a_touch_that_nothing_reports_does_not_widen_the_threshold_of_a_joint_th
             step(target, 0.0)
             for _ in range(SETTLING_TICKS + 20):
                 step(target, side)
-                target.learn(np.array([0.025 * (side if alternates else 1.0)]), seen)
+                learn(target, 0.025 * (side if alternates else 1.0))
         grown.append(float(target.change[0]))
     assert grown[0] < 1.1
     assert grown[1] == pytest.approx(MAX_CHANGE)

@@ -13,9 +13,9 @@ from pepper_driver.observer.residuals.torque_estimate import (
     SLIDING_DOUBT,
     TORQUE_DOUBT,
     TorqueEstimate,
+    estimate_torque,
 )
 from support.fusion import PER_AMPERE, STICK_SLIP, fusion_model
-from support.observer import CYCLE
 
 K, SPREAD, THRESHOLD = 70.0, 0.001, 0.01
 """Stiffness [N m/rad] of a known weight, spread and threshold [rad]."""
@@ -31,7 +31,6 @@ class Joint:
     def __init__(self) -> None:
         self.target = TorqueEstimate(
             [fusion_model(SMOOTH)],
-            CYCLE,
             window=5,
             stiffness=np.array([K]),
             spread=np.array([SPREAD]),
@@ -48,16 +47,22 @@ class Joint:
         ampere: float = 10.0,
     ) -> tuple[float, float]:
         """Return torque and standard deviation [N m] for residuals of both channels, and expected friction [rad]."""
-        torque, std = self.target.step(
-            np.array([model, current]),
-            np.array([friction]),
-            np.array([THRESHOLD]),
-            np.array([position]),
-            np.array([moving]),
-            np.zeros(1),
-            np.array([ampere]),
+        target = self.target
+        target.count += 1
+        return estimate_torque(
+            target.states,
+            target.currents,
+            target.count,
+            0,
+            model,
+            current,
+            friction,
+            THRESHOLD,
+            position,
+            moving,
+            0.0,
+            ampere,
         )
-        return float(torque[0]), float(std[0])
 
 
 @pytest.mark.parametrize(
