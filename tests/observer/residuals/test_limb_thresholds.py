@@ -19,7 +19,14 @@ from pepper_driver.observer.interface import Contact, Residuals
 from pepper_driver.observer.models.fusion_model import TAPS, BaseModel
 from pepper_driver.observer.residuals.fusion import FusionGenerator, FusionParts
 from support.examples import examples
-from support.fusion import BOUND, ELBOW, PER_AMPERE, fusion_generator, fusion_observer
+from support.fusion import (
+    BOUND,
+    ELBOW,
+    PER_AMPERE,
+    STICK_SLIP,
+    fusion_generator,
+    fusion_observer,
+)
 from support.observer import JOINTS, ROBOT, SETTINGS, tick
 
 WINDOW = SETTINGS.fusion_window
@@ -222,3 +229,20 @@ def test_the_lower_threshold_is_not_the_one_that_learns() -> None:
         observer.step(touched(BEFORE + k, base=k < 20))
     seen = observer.step(touched(BEFORE + 100))
     np.testing.assert_allclose(seen.threshold, BOUND, rtol=0.01)
+
+
+# -- a sudden push ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("base", [True, False])
+def test_a_current_may_reverse_at_once_while_the_base_shows_a_push(base: bool) -> None:
+    """The motor carries a load; a hand lifts it from one sample to the next, so that the motor pulls down."""
+    observer, limbs = fusion_observer(base=BASE), []
+    for k in range(BEFORE + 40):
+        lifted = k >= BEFORE
+        # 0.03 rad of load; lifted, the motor gives 0.02 to the other side, from whose size no sign follows.
+        error = -1.0 if lifted else 1.5
+        one = touched(k, base=base and lifted, LElbowRoll=error)
+        one.reference.load_torque[ELBOW] = 1.5 * BOUND / STICK_SLIP.load_gain
+        limbs += [contact.limb for contact in observer.step(one).contacts]
+    assert ("left_arm" in limbs) == base
