@@ -29,16 +29,13 @@ RISE = 0.002
 """Growth of the spread in a tick whose residual is beyond it: ten minutes take it down again by a factor of e.
 Growth of the variance of a load in an update, which forgets it within a minute of motion."""
 
-MAX_CHANGE = 2.0
-"""Factor by which the spread of today is at most larger than as identified, and at most smaller."""
-
 QUIET_RATIO = 0.5
 """Fraction of a threshold below which a residual is used for learning, and a touch is over; of the largest ratio of
 residual and threshold in a limb, below which the contact only shakes a joint."""
 
 UNSURE_FACTOR = 2.0
-"""On a threshold that does not hold now: while the safety gate alters the command, and in doubt. By it the current of a
-board may be smaller than the output of its law, and still show it."""
+"""By which something may be off that was identified: the spread of today; a threshold while the safety gate alters the
+command, and in doubt; the current of a board against the output of its law."""
 
 HELD_FACTOR = 1.4
 """On the threshold of a joint that is to move, or was CORRECTION_TIME ago, and does not slide for SETTLING_TICKS."""

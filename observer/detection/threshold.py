@@ -20,7 +20,6 @@ from pepper_driver.observer.constants import (
     CORRECTION_TIME,
     EXCURSIONS,
     HELD_FACTOR,
-    MAX_CHANGE,
     MIN_SPREAD,
     MIN_TORQUE,
     PUSH_TICKS,
@@ -101,8 +100,8 @@ def learn_spread(
     else:
         spread.ticks = 0
         spread.today *= 1.0 - RISE * (1.0 - SPREAD_QUANTILE)
-    lowest = max(spread.identified / MAX_CHANGE, min(smallest, spread.identified))
-    spread.today = min(max(spread.today, lowest), spread.identified * MAX_CHANGE)
+    lowest = max(spread.identified / UNSURE_FACTOR, min(smallest, spread.identified))
+    spread.today = min(max(spread.today, lowest), spread.identified * UNSURE_FACTOR)
 
 
 class ThresholdState:

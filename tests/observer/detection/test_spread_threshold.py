@@ -15,7 +15,6 @@ from pepper_driver.observer.constants import (
     CORRECTION_TIME,
     EXCURSIONS,
     HELD_FACTOR,
-    MAX_CHANGE,
     MIN_SPREAD,
     MIN_TORQUE,
     PUSH_TICKS,
@@ -179,7 +178,7 @@ def test_touches_that_nothing_reports_do_not_make_it_deaf() -> None:
     assert 1.0 < spread_at_rest(target)[0] / (LN_100 * scale) < 1.5
 
 
-@pytest.mark.parametrize(("size", "change"), [(99.0, MAX_CHANGE), (0.0, 1.0 / MAX_CHANGE)])
+@pytest.mark.parametrize(("size", "change"), [(99.0, UNSURE_FACTOR), (0.0, 1.0 / UNSURE_FACTOR)])
 def test_spread_of_today_stays_near_the_identified_one(size: float, change: float) -> None:
     target = made((0.02, 0.05, 0.03))
     for k in range(70_000):
@@ -251,13 +250,13 @@ def test_each_phase_learns_on_its_own_and_each_joint_that_is_seen(phase: int) ->
         step(target, 1.0 if phase == BREAKAWAY else 0.0)
     for k in range(1000):
         learn(target, 0.05 if k % 10 else 0.0, None)
-    assert target.change[0] == pytest.approx(MAX_CHANGE if phase == SLIDING else 1.0)
+    assert target.change[0] == pytest.approx(UNSURE_FACTOR if phase == SLIDING else 1.0)
     assert target.change[1] == 1.0
     for _ in range(RESTED + 1):
         threshold = step(target)
     found = [threshold, step(target, 1.0), slide(target)]
     for number, before in enumerate((at_rest, breaking_away, sliding)):
-        grown = MAX_CHANGE if number == phase else 1.0
+        grown = UNSURE_FACTOR if number == phase else 1.0
         np.testing.assert_allclose(found[number], [grown * before, before], rtol=1e-9)
 
 
@@ -332,4 +331,4 @@ def test_a_touch_that_nothing_reports_does_not_widen_the_threshold_of_a_joint_th
                 learn(target, 0.025 * (side if alternates else 1.0))
         grown.append(float(target.change[0]))
     assert grown[0] < 1.1
-    assert grown[1] == pytest.approx(MAX_CHANGE)
+    assert grown[1] == pytest.approx(UNSURE_FACTOR)

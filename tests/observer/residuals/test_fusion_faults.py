@@ -161,5 +161,5 @@ def test_a_push_that_grows_for_long_is_detected_in_the_end() -> None:
     assert contacts
     assert contacts[0].joint == ROBOT.joint_names[ELBOW]
     assert contacts[0].direction == -1
-    # From spreads at MAX_CHANGE, and a bias of half a threshold.
+    # From spreads at UNSURE_FACTOR, and a bias of half a threshold.
     assert contacts[0].intensity_deg < 3.5 * np.degrees(BOUND)

@@ -15,12 +15,12 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
     CORRECTION_TIME,
-    MAX_CHANGE,
     ROCKING_SPEED,
     SETTLING_TICKS,
     SHAKING_ACCELERATION,
     STANDSTILL_SPEED,
     TAIL,
+    UNSURE_FACTOR,
 )
 from pepper_driver.observer.detection.threshold import threshold_factor
 from pepper_driver.observer.fitting.mobile_base import fit_base
@@ -372,7 +372,7 @@ def test_spreads_of_today_are_learned_in_their_phase(phase: int) -> None:
         push.reference.acceleration[:] = made[0].reference.acceleration
         push.sent.wheel_speed[:] = made[0].sent.wheel_speed
         here = abs(signal.step(push, False)[0])
-        assert here == pytest.approx(5.0 / FACTOR / (MAX_CHANGE if adapt else 1.0), rel=0.01)
+        assert here == pytest.approx(5.0 / FACTOR / (UNSURE_FACTOR if adapt else 1.0), rel=0.01)
         # Another phase has not changed.
         moves = {"velocity": np.full(JOINTS, 1.0), "acceleration": np.zeros(JOINTS)}
         other = replace(push, reference=replace(push.reference, **moves))
