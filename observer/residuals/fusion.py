@@ -307,12 +307,7 @@ class FusionGenerator:
         self.no_model = np.array([m is None for m in models])
         spread = np.array([(np.nan,) * 3 if m is None else m.spread for m in models])
         gain = self._predictor.identified["load_gain"]
-        self._threshold = SpreadThreshold(
-            spread,
-            gain,
-            cycle,
-            false_contacts=false_contacts,
-        )
+        self._threshold = SpreadThreshold(spread, gain, cycle, false_contacts=false_contacts)
         self.bounds = self._threshold.bounds
         limb_numbers = np.arange(1, n + 1) if limbs is None else limbs
         self._limbs = limb_numbers if parts.limbs else np.arange(n)
@@ -334,9 +329,8 @@ class FusionGenerator:
         )
         self._loads, self._no_doubt = loads, np.zeros(n)
         self._confirmation = BaseConfirmation(limb_numbers)
-        self._check_inputs, self._join_limbs = _check_inputs.load(), _join_limbs.load()
-        self._set_thresholds, self._decide = _set_thresholds.load(), _decide.load()
-        self._learn = _learn.load()
+        self._check_inputs, self._set_thresholds = _check_inputs.load(), _set_thresholds.load()
+        self._decide, self._learn = _decide.load(), _learn.load()
         self._bias_pace = cycle / BIAS_TIME if adapt and parts.bias else 0.0
         self._model_pace = cycle / CORRECTION_TIME
         self.reset()
@@ -409,13 +403,13 @@ class FusionGenerator:
         )
         self._change = channels.change
         blind = self._blind(channels.bad, measured)
-        state, torques = self._threshold, self._torque
+        thresholds, torques = self._threshold, self._torque
         own, alone = np.empty((2, n))
         self._set_thresholds(
-            state.spreads,
-            state.states,
-            state.factors,
-            state.rest_ticks,
+            thresholds.spreads,
+            thresholds.states,
+            thresholds.factors,
+            thresholds.rest_ticks,
             self._doubts,
             prediction.model,
             prediction.velocity,
@@ -437,7 +431,7 @@ class FusionGenerator:
             self._limbs,
             self._limb_count,
             self._predictor.joints,
-            state.states,
+            thresholds.states,
             torques.states,
             torques.currents,
             torques.count,
