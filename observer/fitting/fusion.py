@@ -16,7 +16,7 @@ from pepper_driver.observer.fitting.bounds import fit_spreads
 from pepper_driver.observer.fitting.mobile_base import fit_base
 from pepper_driver.observer.fitting.samples import fit_samples
 from pepper_driver.observer.fitting.stick_slip import START_UP_TIME, fit_stick_slip
-from pepper_driver.observer.fitting.tree import AffineGrowth, FittingError
+from pepper_driver.observer.fitting.tree import FittingError
 from pepper_driver.observer.models.fusion_model import BaseModel, FusionModel, MomentumParameters
 from pepper_driver.observer.models.stick_slip import (
     NO_LIMIT,
@@ -29,16 +29,11 @@ from pepper_driver.observer.residuals.momentum import ErrorDerivatives
 if TYPE_CHECKING:
     from pepper_driver.config.workers import Workers
 
-REMAINDER_LEAVES = 8
-REMAINDER_SHRINKAGE = 1000.0
-"""Samples. Large, because the remainder is small, and the tree must not extrapolate it to faster motions."""
-
 
 @dataclass(frozen=True)
 class _SimulatedRun:
     """Stick-slip model of a joint on a recording, with the recording; arrays (n,) of the samples that count."""
 
-    features: FloatArray
     model_error: FloatArray
     drive: FloatArray
     moves: BoolArray
@@ -64,7 +59,6 @@ def _simulate(
     counts[: round(START_UP_TIME / cycle)] = False
     features = recording.features(index)
     run = _SimulatedRun(
-        features=features,
         model_error=states["position"] - position,
         drive=states["target"] - position + states["integral"],
         moves=np.abs(states["velocity"]) > REST_SPEED,
@@ -216,14 +210,11 @@ def fit_joint_fusion(
     if stick_slip is None:
         stick_slip = fit_joint_stick_slip(joint, recordings, robot, target_speed)
     data = _joined([_simulate(joint, recording, stick_slip, cycle) for recording in recordings])
-    growth = AffineGrowth(data.features, data.model_error, max_leaves=REMAINDER_LEAVES)
-    remainder = growth.cut(REMAINDER_LEAVES, REMAINDER_SHRINKAGE)
     candidates = [_fit_voltage(data), _fit_current(data)]
     errors = [_momentum_residual(data, parameters) for parameters in candidates]
     best = int(np.argmin([error.std() for error in errors]))
     return FusionModel(
         twin=stick_slip,
-        remainder=remainder,
         momentum=candidates[best],
         spread=(UNKNOWN_SPREAD,) * 3,
         momentum_bound=np.radians(2.5),

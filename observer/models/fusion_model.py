@@ -11,7 +11,7 @@ from pydantic import ConfigDict, Field
 from pepper_driver.config import PepperError
 from pepper_driver.config.loading import STRICT
 from pepper_driver.observer.models.stick_slip import StickSlipParameters
-from pepper_driver.observer.models.tree import AffineTree, Triple
+from pepper_driver.observer.models.tree import Triple
 
 OUTPUTS = ("vx", "vy", "wz", "yaw rate", "ax", "ay")
 """Of the base: twist by the wheels [m/s], [m/s], [rad/s]; by the inertial unit [rad/s], [m/s2], [m/s2]."""
@@ -110,8 +110,6 @@ class FusionModel:
 
     Attributes:
         twin: Constants of its stick-slip model.
-        remainder: Part of the tracking error that the stick-slip model does not explain, as a tree on the desired
-            motion (Eq. 12).
         momentum: Its momentum channel.
         spread: Size of the residual that 99 of 100 samples of free motion do not exceed [rad]: at rest, just after the
             joint broke away, and sliding (:mod:`~pepper_driver.observer.detection.threshold`).
@@ -121,7 +119,6 @@ class FusionModel:
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
     twin: StickSlipParameters
-    remainder: AffineTree
     momentum: MomentumParameters
     spread: Triple
     momentum_bound: float

@@ -292,15 +292,14 @@ JointModel = Tree | FusionModel
 def predict_recording(model: JointModel, joint: str, recording: Recording) -> FloatArray:
     """Predict the (n,) tracking error of a joint over a run [rad], without its measurements.
 
-    A fusion model predicts by stick-slip model and remainder; only the first position is taken from the recording.
+    A fusion model takes only the first position from the recording.
     """
     index = recording.joint_names.index(joint)
-    features = recording.features(index)
     if not isinstance(model, FusionModel):
-        return model.predict(features)
+        return model.predict(recording.features(index))
     sent = recording.sent_position[:, index]
     states = StickSlipModel.from_parameters([model.twin], recording.cycle).play(
         0, float(recording.position[0, index]), sent, recording.load_torque[:, index]
     )
-    error: FloatArray = sent - states["position"] + model.remainder.predict(features)
+    error: FloatArray = sent - states["position"]
     return error

@@ -13,7 +13,6 @@ from pepper_driver.config.kernels import Matrix, Out, Records, kernel
 from pepper_driver.observer.constants import MIN_SPREAD, QUIET_RATIO
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.stick_slip import StickSlipState
-from pepper_driver.observer.models.tree import BatchedTrees, TreeNode, TreeRoot, evaluate_tree
 from pepper_driver.observer.residuals.momentum import (
     CurrentChannel,
     DerivativeFilter,
@@ -39,7 +38,6 @@ class Channels:
         residual: The smaller of both, 0 where their signs differ.
         raw: The same before the median, NaN for joints that cannot be judged.
         change: Derivative of the tracking error [rad/s].
-        remainder: Part of the tracking error that the stick-slip models do not explain.
         bad: Joints that cannot be judged; None if there is none.
         falls_behind: True if a board holds its target behind the command.
     """
@@ -48,7 +46,6 @@ class Channels:
     residual: FloatArray
     raw: FloatArray
     change: FloatArray
-    remainder: FloatArray
     bad: BoolArray | None
     falls_behind: bool
 
@@ -82,8 +79,6 @@ def _compare(
     joints: Out[Records[PredictedJoint]],
     filters: Out[Records[DerivativeFilter]],
     channels: Out[Records[CurrentChannel]],
-    roots: Records[TreeRoot],
-    nodes: Records[TreeNode],
     rings: Out[Matrix[FloatArray]],
     count: int,
     ordered: Out[FloatArray],
@@ -107,7 +102,6 @@ def _compare(
     residual: Out[FloatArray],
     raw: Out[FloatArray],
     change: Out[FloatArray],
-    remainder: Out[FloatArray],
 ) -> tuple[int, bool]:
     """Compute the arrays of :class:`Channels`; return how many joints are good, and True if a board falls behind.
 
@@ -132,8 +126,7 @@ def _compare(
         )
         if good[j]:
             update_integral(joints, j, board_error, motor, cycle)
-        remainder[j] = evaluate_tree(roots, nodes, j, velocity[j], acceleration[j], load_torque[j])
-        by_model = expected.position - measured[j] - remainder[j] - bias[j]
+        by_model = expected.position - measured[j] - bias[j]
         by_current = by_current - bias[j] if channels[j].by_current else by_model
         good[j] = good[j] and (math.isfinite(by_model + by_current) or no_model[j])
         good_count += good[j]
@@ -199,7 +192,6 @@ class ChannelComparison:
         n = len(models)
         self._no_model = np.array([m is None for m in models])
         self._channels = current_channels(models)
-        self._remainders = BatchedTrees([None if m is None else m.remainder for m in models])
         self._derivatives = ErrorDerivatives(n, cycle)
         self._median = RunningMedian(window, 2 * n)
         self._carries, self._cycle = carries, cycle
@@ -240,13 +232,11 @@ class ChannelComparison:
         derivatives, median, n = self._derivatives, self._median, len(good)
         if not derivatives.started:
             derivatives.start(prediction.target - measured)
-        filtered, (residual, raw, change, remainder) = np.empty(2 * n), np.empty((4, n))
+        filtered, (residual, raw, change) = np.empty(2 * n), np.empty((3, n))
         count, falls_behind = self._compare(
             joints,
             derivatives.filters,
             self._channels,
-            self._remainders.roots,
-            self._remainders.nodes,
             median.rings,
             median.count,
             median.ordered,
@@ -270,7 +260,6 @@ class ChannelComparison:
             residual,
             raw,
             change,
-            remainder,
         )
         median.count += 1
         return Channels(
@@ -278,7 +267,6 @@ class ChannelComparison:
             residual=residual,
             raw=raw,
             change=change,
-            remainder=remainder,
             bad=None if count == n else ~good,
             falls_behind=falls_behind,
         )

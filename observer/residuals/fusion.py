@@ -140,7 +140,6 @@ def _decide(
     load_torque: FloatArray,
     model: Records[StickSlipState],
     filtered: FloatArray,
-    remainder: FloatArray,
     bias: FloatArray,
     measured: FloatArray,
     current: FloatArray,
@@ -175,7 +174,7 @@ def _decide(
             current[j],
         )
         doubtful[j] = step_doubt(doubts, j, by_model, residual[j], own[j], moving, blind[j])
-        expected[j] = target[j] - model[j].position + remainder[j] + bias[j]
+        expected[j] = target[j] - model[j].position + bias[j]
         band[j] = friction_band(joints, j, load_torque[j], moving)
         if blind[j]:
             expected[j] = residual[j] = threshold[j] = torque[j] = torque_std[j] = math.nan
@@ -441,7 +440,6 @@ class FusionGenerator:
             prediction.load_torque,
             prediction.model,
             channels.filtered,
-            channels.remainder,
             self._bias,
             measured,
             current,

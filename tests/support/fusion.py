@@ -17,7 +17,6 @@ from pepper_driver.observer.interface import Contact, Residuals
 from pepper_driver.observer.models.fusion_model import BaseModel, FusionModel, MomentumParameters
 from pepper_driver.observer.models.model_file import ModelSet
 from pepper_driver.observer.models.stick_slip import StickSlipParameters
-from pepper_driver.observer.models.tree import AffineTree
 from pepper_driver.observer.recording import Recording
 from pepper_driver.observer.residuals.fusion import FusionGenerator, FusionParts
 from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS, models, tick
@@ -45,16 +44,6 @@ STICK_SLIP = StickSlipParameters(
 
 PER_AMPERE = STICK_SLIP.load_gain * TORQUE_CONSTANT
 
-NOTHING = AffineTree(
-    feature=(-1,),
-    threshold=(0.0,),
-    left=(-1,),
-    right=(-1,),
-    coefficients=((0.0, 0.0, 0.0, 0.0),),
-    lower=(-9.0, -99.0, -99.0),
-    upper=(9.0, 99.0, 99.0),
-)
-
 
 def spread_of(bound: float) -> tuple[float, float, float]:
     """Spreads by phase of a model whose thresholds are all ``bound`` [rad]."""
@@ -66,7 +55,6 @@ def fusion_model(parameters: StickSlipParameters = STICK_SLIP, **changes: Any) -
     """A model of the joint with exactly these constants."""
     values: dict[str, Any] = {
         "twin": parameters,
-        "remainder": NOTHING,
         "momentum": MomentumParameters(
             source="current",
             torque_per_ampere=PER_AMPERE,

@@ -42,7 +42,6 @@ from pepper_driver.evaluation.touch.records import (
 )
 from pepper_driver.evaluation.touch.scoring import heard
 from pepper_driver.observer import (
-    AffineTree,
     CartTree,
     Contact,
     ContactObserver,
@@ -77,7 +76,6 @@ ABLATIONS = tuple(
     for part in (
         "model",
         "current",
-        "tree",
         "bias",
         "loads",
         "adaptation",
@@ -230,8 +228,6 @@ def _fusion(
             parts = ObserverParts(residual=FusionParts(model=False))
         case "current":
             parts = ObserverParts(residual=FusionParts(current=False))
-        case "tree":
-            models = _changed(models, lambda m: replace(m, remainder=_NO_REMAINDER))
         case "bias":
             parts = ObserverParts(residual=FusionParts(bias=False))
         case "loads":
@@ -254,17 +250,6 @@ def _fusion(
 def constant_tree(value: float) -> CartTree:
     """Return a tree with the same value everywhere."""
     return CartTree(feature=(-1,), threshold=(0.0,), left=(-1,), right=(-1,), value=(value,))
-
-
-_NO_REMAINDER = AffineTree(
-    feature=(-1,),
-    threshold=(0.0,),
-    left=(-1,),
-    right=(-1,),
-    coefficients=((0.0, 0.0, 0.0, 0.0),),
-    lower=(0.0, 0.0, 0.0),
-    upper=(0.0, 0.0, 0.0),
-)
 
 
 def _changed(models: ModelSet, change: Callable[[FusionModel], FusionModel]) -> ModelSet:

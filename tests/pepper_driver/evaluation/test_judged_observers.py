@@ -35,7 +35,6 @@ from pepper_driver.evaluation.touch.observers import (
 )
 from pepper_driver.evaluation.touch.records import Touched
 from pepper_driver.observer import (
-    AffineTree,
     Contact,
     FusionModel,
     ModelFileError,
@@ -193,18 +192,6 @@ def test_model_and_current_make_ours_where_they_agree() -> None:
     smaller = np.copysign(np.minimum(np.abs(model), np.abs(current)), model)
     np.testing.assert_allclose(ours, np.where(model * current > 0.0, smaller, 0.0), atol=1e-15)
     assert abs(model[INDEX] - current[INDEX]) > 1e-4
-
-
-def test_without_its_tree_ours_expects_less_by_what_the_tree_says() -> None:
-    ours, without = (
-        observe(made(name), ticks=1)[0].expected for name in ("fusion", "fusion-without-tree")
-    )
-    model = FUSION_MODELS.models[JOINT]
-    assert isinstance(model, FusionModel)
-    assert isinstance(model.remainder, AffineTree)
-    remainder = model.remainder.predict(RUN.features(INDEX)[:1])[0]
-    assert abs(remainder) > 1e-5
-    assert ours[INDEX] - without[INDEX] == pytest.approx(remainder, abs=1e-15)
 
 
 def test_without_adaptation_thresholds_are_those_identified() -> None:
