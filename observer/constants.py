@@ -71,10 +71,7 @@ LOAD_PLACE_STD = 0.03
 # -- motion -----------------------------------------------------------------------------------------------------------
 
 REST_SPEED = 0.02
-"""[rad/s] Up to it a joint counts as at rest. Friction may hold it."""
-
-STANDSTILL_SPEED = 0.005
-"""[m/s], [rad/s] Commanded speed below which the base is not to move."""
+"""[rad/s] Up to it a joint or a wheel counts as at rest. Friction may hold it."""
 
 ROCKING_SPEED = 0.2
 """[rad/s] Desired speed of joints below which they do not rock the base."""

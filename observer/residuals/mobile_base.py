@@ -18,10 +18,10 @@ from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
     CORRECTION_TIME,
     QUIET_RATIO,
+    REST_SPEED,
     ROCKING_SPEED,
     SETTLING_TICKS,
     SHAKING_ACCELERATION,
-    STANDSTILL_SPEED,
     TAIL,
 )
 from pepper_driver.observer.detection.threshold import (
@@ -47,7 +47,7 @@ class BaseTicks:
     """Ticks since an event of the commands.
 
     Attributes:
-        standing: Since the base was commanded to move.
+        standing: Since a wheel was commanded to turn faster than REST_SPEED.
         still: Since a joint was commanded to move faster than ROCKING_SPEED.
         smooth: Since a joint was commanded to accelerate faster than SHAKING_ACCELERATION.
     """
@@ -110,11 +110,14 @@ def _respond(
             for output in range(len(predicted)):
                 predicted[output] += then[i] * response[tap, i, output]
     since = ticks[0]
-    fastest = max(abs(now[0]), abs(now[1]), abs(now[2]))
-    since.standing = since.standing + 1 if fastest < STANDSTILL_SPEED else 0
-    since.still, since.smooth = since.still + 1, since.smooth + 1
+    since.standing += 1
+    since.still += 1
+    since.smooth += 1
+    # NaN compares as False.
+    for wheel in range(3):
+        if not abs(sent_speed[wheel]) < REST_SPEED:
+            since.standing = 0
     for j in range(len(velocity)):
-        # NaN compares as False.
         if not abs(velocity[j]) < ROCKING_SPEED:
             since.still = 0
         if not abs(acceleration[j]) < SHAKING_ACCELERATION:

@@ -15,10 +15,10 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
     CORRECTION_TIME,
+    REST_SPEED,
     ROCKING_SPEED,
     SETTLING_TICKS,
     SHAKING_ACCELERATION,
-    STANDSTILL_SPEED,
     TAIL,
     UNSURE_FACTOR,
 )
@@ -358,9 +358,7 @@ def test_spreads_of_today_are_learned_in_their_phase(phase: int) -> None:
     for one in made:
         one.reference.velocity[:] = 2.0 * ROCKING_SPEED if phase == MOVING else 0.0
         one.reference.acceleration[:] = SHAKING_ACCELERATION if phase == SHAKING else 0.0
-        one.sent.wheel_speed[:] = (
-            MATRIX @ np.array([2.0 * STANDSTILL_SPEED, 0.0, 0.0]) if phase == DRIVING else 0.0
-        )
+        one.sent.wheel_speed[1] = REST_SPEED if phase == DRIVING else 0.0
     for adapt in (True, False):
         signal = generator(still_model(spread, spread, spread, spread), adapt=adapt)
         for one in made:
