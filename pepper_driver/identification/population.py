@@ -47,7 +47,10 @@ _APART = (
 
 _NOT_RECORDED = (
     *(f"observer/{name}/*" for name in ("detection", "fitting", "models", "residuals")),
-    *(f"observer/{name}.py" for name in ("contact_observer", "running_filters", "scoring")),
+    *(
+        f"observer/{name}.py"
+        for name in ("constants", "contact_observer", "running_filters", "scoring")
+    ),
     *(f"identification/{name}.py" for name in ("fit", "population", "quality")),
     "config/observer.yaml",
     "observers.py",
