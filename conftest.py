@@ -1,11 +1,14 @@
-"""The packages under examples/plugins, known to Python as if they were installed."""
+"""Kernels that look at all their arguments; the packages under examples/plugins, as if they were installed."""
 
+import os
 import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+os.environ["PEPPER_DRIVER_CHECK_KERNELS"] = "1"
 
 PLUGINS = Path(__file__).parent / "examples" / "plugins"
 

@@ -200,7 +200,7 @@ class ContactObserver(Observer):
                 name,
                 np.degrees(MAX_SPREAD),
             )
-        self._count_quiet = _count_quiet.load()
+        self._count_quiet = _count_quiet.load_unchecked()
         self._known = ~no_model
         self._known_count = np.count_nonzero(self._known)
         self._none_settled = np.zeros(len(no_model), dtype=np.bool_)

@@ -59,7 +59,7 @@ class ResidualHistory:
         self._residual = np.zeros((window + lookback, width + 1))
         self._time = np.zeros(window + lookback)
         self._count = 0
-        self._onset = _onset.load()
+        self._onset = _onset.load_unchecked()
 
     def append(self, time: float, residual: FloatArray, base: float) -> None:
         """Take in one tick.

@@ -230,7 +230,8 @@ class StickSlipModel:
         self._cycle = cycle
         self.constants = constants
         self.states = make_records(StickSlipState, len(constants))
-        self._step, self._play, self._put = _step.load(), _play.load(), _put.load()
+        self._step = _step.load_unchecked()
+        self._play, self._put = _play.load(), _put.load()
 
     @classmethod
     def from_parameters(cls, models: Sequence[StickSlipParameters | None], cycle: float) -> Self:

@@ -196,7 +196,7 @@ class ChannelComparison:
         self._median = RunningMedian(window, 2 * n)
         self._carries, self._cycle = carries, cycle
         self._uses_model, self._uses_current = uses_model, uses_current
-        self._compare = _compare.load()
+        self._compare = _compare.load_unchecked()
         self.reset()
 
     def reset(self) -> None:

@@ -328,8 +328,9 @@ class FusionGenerator:
         )
         self._loads, self._no_doubt = loads, np.zeros(n)
         self._confirmation = BaseConfirmation(limb_numbers)
-        self._check_inputs, self._set_thresholds = _check_inputs.load(), _set_thresholds.load()
-        self._decide, self._learn = _decide.load(), _learn.load()
+        self._check_inputs = _check_inputs.load_unchecked()
+        self._set_thresholds = _set_thresholds.load_unchecked()
+        self._decide, self._learn = _decide.load_unchecked(), _learn.load_unchecked()
         self._bias_pace = cycle / BIAS_TIME if adapt and parts.bias else 0.0
         self._model_pace = cycle / CORRECTION_TIME
         self.reset()

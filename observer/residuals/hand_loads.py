@@ -150,7 +150,7 @@ class HandLoads:
                     )
                 )
         self._wrists = [arm.wrist for arm in self._arms]
-        self._apply, self._learn = _apply_load.load(), _learn_load.load()
+        self._apply, self._learn = _apply_load.load_unchecked(), _learn_load.load_unchecked()
         self.reset()
 
     def reset(self) -> None:

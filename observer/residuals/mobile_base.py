@@ -352,7 +352,7 @@ class BaseGenerator:
             robot.cycle / CORRECTION_TIME,
             round(CORRECTION_TIME / robot.cycle),
         )
-        self._step, self._learn = _step.load(), _learn.load()
+        self._step, self._learn = _step.load_unchecked(), _learn.load_unchecked()
         self.reset()
 
     def reset(self) -> None:

@@ -14,6 +14,7 @@ import pytest
 from pepper_driver.config.arrays import FloatArray, IntArray
 from pepper_driver.config.kernels import (
     CACHE_VARIABLE,
+    CHECK_VARIABLE,
     Block,
     Matrix,
     Out,
@@ -112,6 +113,25 @@ def test_other_arguments_are_refused_and_never_compiled(lengths: object) -> None
     with pytest.raises(TypeError):
         run(make_records(Spring, 3), lengths, np.zeros(3))  # type: ignore[arg-type]
     assert run.signatures == signatures  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("checks", [True, False])
+def test_without_a_look_at_its_arguments_it_computes_the_same(
+    checks: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The tests let it look all the same."""
+    assert os.environ[CHECK_VARIABLE]
+    if not checks:
+        monkeypatch.delenv(CHECK_VARIABLE)
+    run = pull.load_unchecked()
+    springs, energy = make_records(Spring, 3, stiffness=[1.0, 2.0, 3.0]), np.zeros(3)
+    lengths = np.arange(3.0)
+    lengths.setflags(write=False)
+    assert run(springs, lengths, energy) == pull(springs.copy(), lengths, np.zeros(3))
+    assert energy.tolist() == [0.0, 1.0, 6.0]  # k x^2 / 2
+    if checks:
+        with pytest.raises(TypeError):
+            run(springs, np.zeros(6)[::2], energy)
 
 
 def test_what_a_kernel_only_reads_may_be_read_only() -> None:
