@@ -95,7 +95,8 @@ REVERSAL_RATIO = 0.3
 
 STUCK_RATIO = 0.85
 """Fraction of its peak below which a constant residual within the friction band is not a hand: the hand has left, and
-friction holds the joint away from its target. It is constant while it varies by less than the rest of its threshold."""
+friction holds the joint away from its target. It is constant while it varies by less than the rest of itself, or of its
+threshold if that is larger."""
 
 REPORT_DELAY = 0.1
 """[s] The base often detects a push on a limb first, and the limb detects it within this time."""

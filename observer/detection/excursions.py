@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -131,6 +132,14 @@ class Excursion:
         return self.fall_time is None
 
 
+def _tolerance(residual: float, threshold: float) -> float:
+    """Return by how much a constant residual varies [rad].
+
+    After a strong touch a joint may rest far beyond its threshold, and an integral still moves it a little.
+    """
+    return (1.0 - STUCK_RATIO) * max(threshold, abs(residual))
+
+
 class JointMonitor:
     """State machine of one joint.
 
@@ -144,8 +153,9 @@ class JointMonitor:
       and a missed touch is worse than a reported rebound.
     - BLIND: the residual is NaN. An excursion ends at once, and the next one is no rebound.
     An excursion also ends when the residual is constant within the friction band, below STUCK_RATIO of its peak for
-    ``settling_time``, or for CORRECTION_TIME, if the observer can reset its model to the measured position. Beyond the
-    friction band a constant residual is a hand.
+    ``settling_time``, or for CORRECTION_TIME, if the observer can reset its model to the measured position. Until it
+    has done so, for ``settling_time`` at most, the same residual begins nothing. Beyond the friction band a constant
+    residual is a hand. A rebound that is constant and below STUCK_RATIO of its peak is no contact, however long.
 
     Args:
         joint: Index of the joint.
@@ -172,6 +182,8 @@ class JointMonitor:
         self._settling_time = settling_time or 0.0
         self._constant_since: float | None = None
         self._lowest = self._highest = 0.0
+        self._left_over = 0.0
+        self._left_until = -math.inf
         self.settled = False
         self._merge_gap = settings.merge_gap + TIME_TOLERANCE
         self._rebound_window = settings.rebound_window + TIME_TOLERANCE
@@ -201,6 +213,8 @@ class JointMonitor:
         ):
             # The hand left when the residual became constant.
             self._end(current, time - self._settling_time)
+            self._left_over = abs(residual) + _tolerance(residual, threshold)
+            self._left_until = time + self._settling_time
             return JointState.RELEASE
         if (
             current is not None
@@ -212,13 +226,24 @@ class JointMonitor:
         size = abs(residual)
         if size > threshold:
             sign = 1 if residual > 0 else -1
+            # Until the encoder rests, and the model is reset, the joint still shows what it was left with.
+            if (
+                current is None
+                and time <= self._left_until
+                and sign == self._previous_sign
+                and size <= self._left_over
+            ):
+                return JointState.RELEASE
             if current is None or current.sign != sign:
                 if current is not None:
                     self._end(current, time if current.fall_time is None else current.fall_time)
                 current = self._begin(time, sign, threshold)
             current.fall_time = None
             current.peak = max(current.peak, size)
-            if current.kind == "rebound" and time - current.begin_time > self._rebound_window:
+            # A rebound that is about to be told as stuck is no hand.
+            settles = self._constant_since is not None and self._fallen(current, residual)
+            outlasts = time - current.begin_time > self._rebound_window
+            if current.kind == "rebound" and outlasts and not settles:
                 current.kind = "contact"
             return JointState.REBOUND if current.kind == "rebound" else JointState.CONTACT
         if current is None:
@@ -262,15 +287,21 @@ class JointMonitor:
             self._constant_since = time
             self._lowest = self._highest = residual
         self._lowest, self._highest = min(self._lowest, residual), max(self._highest, residual)
-        if max(self._highest - residual, residual - self._lowest) > (1.0 - STUCK_RATIO) * threshold:
+        varies = max(self._highest - residual, residual - self._lowest)
+        if varies > _tolerance(residual, threshold):
             self._constant_since = None
             return False
         constant_time = time - self._constant_since + TIME_TOLERANCE
-        fallen = abs(residual) < STUCK_RATIO * current.peak
+        fallen = self._fallen(current, residual)
         return constant_time >= (self._settling_time if fallen else CORRECTION_TIME)
+
+    @staticmethod
+    def _fallen(current: Excursion, residual: float) -> bool:
+        return abs(residual) < STUCK_RATIO * current.peak
 
     def reset(self) -> None:
         """Forget everything."""
         self.excursion = None
         self._previous_sign = 0
+        self._left_until = -math.inf
         self._constant_since = None
