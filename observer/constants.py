@@ -11,7 +11,8 @@ import numpy as np
 # -- spreads and thresholds -------------------------------------------------------------------------------------------
 
 MIN_SPREAD = np.radians(0.1)
-"""[rad] Smallest spread: a step of the encoder. A board whose target is farther behind its command follows another."""
+"""[rad] Smallest spread: a step of the encoder. A board whose target is farther behind its command follows another.
+Torque of a current / K up to which it may have passed zero between two samples."""
 
 MIN_TORQUE = 0.08
 """[N m] Smallest threshold as a torque: 100 g in a hand, unknown to the robot's description, turn a wrist."""
@@ -20,7 +21,7 @@ TAIL = 0.37
 """Growth of the largest residual per spread, as the time in which it is looked for grows by a factor of e."""
 
 SLIDING_TAIL = 0.15
-"""The same of joints in motion that lasts: their friction has its direction."""
+"""The same of joints of limbs in motion that lasts: their friction has its direction."""
 
 EXCURSIONS = 5000.0
 """In an hour of free motion of the whole robot, residuals leave their spread about so many times."""
@@ -38,7 +39,8 @@ UNSURE_FACTOR = 2.0
 command, and in doubt; the current of a board against the output of its law."""
 
 HELD_FACTOR = 1.4
-"""On the threshold of a joint that is to move, or was CORRECTION_TIME ago, and does not slide for SETTLING_TICKS."""
+"""On the threshold of a joint that is to move, or was CORRECTION_TIME ago, and does not slide for SETTLING_TICKS; and
+on that of the base while joints move. Friction lets go of a joint sooner or later than its model."""
 
 CONFIRMING_RATIO = 0.55
 """On the thresholds of the limb that shows most, just after the base was pushed: one sign confirms the other."""
@@ -89,7 +91,7 @@ MAX_STRAY = np.radians(4.0)
 """[rad] Output of the law beyond which a board does not only follow another target: recorded ones are off by less."""
 
 REVERSAL_RATIO = 0.3
-"""Fraction of its recent size below which a current may reverse: it passes zero then, and is smoothed."""
+"""Fraction of its recent size below which a current may have reversed: it passes zero then, and is smoothed."""
 
 # -- end and place ----------------------------------------------------------------------------------------------------
 

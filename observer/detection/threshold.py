@@ -2,9 +2,10 @@
 
 The spread of a residual in free motion differs between joints by a factor of ten, between days by less than two. It
 starts as identified, and follows the robot of today slowly. How large a multiple is needed depends on the number of
-false contacts that are allowed: the tail of the spread is exponential. It is long at rest and while a joint breaks
-away, and short in motion that lasts. A joint that is commanded to move and does not slide yet breaks away sooner or
-later than its model: its threshold is HELD_FACTOR times as high, until its model has followed it at rest.
+false contacts that are allowed: the tail of the spread is exponential. It is long at rest, while a joint breaks away,
+and for joints of the trunk; it is short in motion of a limb that lasts. A joint that is commanded to move and does not
+slide yet breaks away sooner or later than its model: its threshold is HELD_FACTOR times as high, until its model has
+followed it at rest.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pepper_driver.config.arrays import FloatArray
-from pepper_driver.config.kernels import Out, Records, kernel, make_records
+from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.kernels import Matrix, Out, Records, kernel, make_records
 from pepper_driver.observer.constants import (
     CORRECTION_TIME,
     EXCURSIONS,
@@ -46,13 +47,17 @@ def threshold_factor(false_contacts: float, tail: float) -> float:
     return 1.0 + tail * max(math.log(EXCURSIONS / false_contacts), 0.0)
 
 
-def phase_factors(false_contacts: float) -> FloatArray:
-    """Return (3,) thresholds in spreads by phase."""
-    return np.array([threshold_factor(false_contacts, t) for t in (TAIL, TAIL, SLIDING_TAIL)])
+def phase_factors(false_contacts: float, *, trunk: bool = False) -> FloatArray:
+    """Return (3,) thresholds in spreads by phase, of a joint of the trunk or of a limb.
+
+    Joints of the trunk have a long tail in motion that lasts too: as they slow down, the weight on them sways.
+    """
+    tails = (TAIL, TAIL, TAIL if trunk else SLIDING_TAIL)
+    return np.array([threshold_factor(false_contacts, tail) for tail in tails])
 
 
 def spread_thresholds(
-    spread: Sequence[float], load_gain: float, false_contacts: float
+    spread: Sequence[float], load_gain: float, false_contacts: float, *, trunk: bool = False
 ) -> FloatArray:
     """Return (3,) thresholds of a joint with these spreads, by phase [rad].
 
@@ -60,8 +65,9 @@ def spread_thresholds(
         spread: By phase [rad].
         load_gain: g = 1 / K [rad/(N m)].
         false_contacts: That are allowed in an hour.
+        trunk: True for a joint of the trunk.
     """
-    factors = phase_factors(false_contacts)
+    factors = phase_factors(false_contacts, trunk=trunk)
     thresholds: FloatArray = np.maximum(
         factors * np.maximum(spread, MIN_SPREAD), MIN_TORQUE * load_gain
     )
@@ -132,7 +138,7 @@ class ThresholdState:
 def step_threshold(
     spreads: Records[SpreadState],
     states: Out[Records[ThresholdState]],
-    factors: FloatArray,
+    factors: Matrix[FloatArray],
     j: int,
     speed: float,
     desired: float,
@@ -145,7 +151,7 @@ def step_threshold(
     Args:
         spreads: By phase and joint.
         states: Of the joints.
-        factors: (3,) of a threshold over the spread, by phase.
+        factors: (3, n) of a threshold over the spread, by phase and joint.
         j: Index of the joint.
         speed: Without touch [rad/s]: of the stick-slip model, which friction holds as it does the joint.
         desired: Velocity that is commanded [rad/s].
@@ -164,7 +170,7 @@ def step_threshold(
         state.phase = BREAKAWAY
     else:
         state.phase = SLIDING
-    factor = factors[state.phase]
+    factor = factors[state.phase, j]
     if state.phase != SLIDING and state.still_ticks <= rest_ticks:
         factor *= HELD_FACTOR
     spread = spreads[state.phase * len(states) + j]
@@ -189,20 +195,28 @@ class SpreadThreshold:
         load_gain: (n,) g = 1 / K [rad/(N m)].
         cycle: Period of the ticks [s].
         false_contacts: That are allowed in an hour.
+        trunk: (n,) joints of the trunk.
 
     Attributes:
-        factors: (3,) of a threshold over the spread, by phase.
+        factors: (3, n) of a threshold over the spread, by phase and joint.
         rest_ticks: In which a model follows its joint at rest.
         spreads: (3 n,) by phase and joint.
         states: Of the joints.
     """
 
     def __init__(
-        self, spread: FloatArray, load_gain: FloatArray, cycle: float, *, false_contacts: float
+        self,
+        spread: FloatArray,
+        load_gain: FloatArray,
+        cycle: float,
+        *,
+        false_contacts: float,
+        trunk: BoolArray,
     ) -> None:
         self._identified = np.fmax(spread, MIN_SPREAD)
         self._identified[np.isnan(spread)] = np.nan
-        self.factors, self._lowest = phase_factors(false_contacts), MIN_TORQUE * load_gain
+        by_joint = [phase_factors(false_contacts, trunk=bool(joint)) for joint in trunk]
+        self.factors, self._lowest = np.array(by_joint).T.copy(), MIN_TORQUE * load_gain
         self.rest_ticks = round(CORRECTION_TIME / cycle)
         self.reset()
 
@@ -222,7 +236,7 @@ class SpreadThreshold:
     @property
     def bounds(self) -> FloatArray:
         """(n,) largest threshold of each joint, as identified [rad]."""
-        largest = (self.factors * self._identified).max(axis=1)
+        largest = (self.factors.T * self._identified).max(axis=1)
         bounds: FloatArray = np.maximum(largest, self._lowest)
         return bounds
 

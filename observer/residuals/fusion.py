@@ -99,7 +99,7 @@ def _join_limbs(
 def _set_thresholds(
     spreads: Records[SpreadState],
     states: Out[Records[ThresholdState]],
-    factors: FloatArray,
+    factors: Matrix[FloatArray],
     rest_ticks: int,
     doubts: Records[DoubtState],
     model: Records[StickSlipState],
@@ -306,9 +306,11 @@ class FusionGenerator:
         self.no_model = np.array([m is None for m in models])
         spread = np.array([(np.nan,) * 3 if m is None else m.spread for m in models])
         gain = self._predictor.identified["load_gain"]
-        self._threshold = SpreadThreshold(spread, gain, cycle, false_contacts=false_contacts)
-        self.bounds = self._threshold.bounds
         limb_numbers = np.arange(1, n + 1) if limbs is None else limbs
+        self._threshold = SpreadThreshold(
+            spread, gain, cycle, false_contacts=false_contacts, trunk=limb_numbers == 0
+        )
+        self.bounds = self._threshold.bounds
         self._limbs = limb_numbers if parts.limbs else np.arange(n)
         self._limb_count = int(self._limbs.max()) + 1
         self._channels = ChannelComparison(

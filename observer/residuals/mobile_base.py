@@ -17,6 +17,7 @@ from pepper_driver.config.kernels import Block, Matrix, Out, Records, kernel, ma
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
     CORRECTION_TIME,
+    HELD_FACTOR,
     QUIET_RATIO,
     REST_SPEED,
     ROCKING_SPEED,
@@ -289,6 +290,9 @@ def _step(
     for i in range(len(level)):
         # After the filter: a single sample that is wrong would move the level for seconds.
         level[i] -= pace * filtered[3 + i]
+    if phase in (MOVING, SHAKING):
+        # A joint that breaks away sooner or later than its model pushes the base.
+        factor *= HELD_FACTOR
     axis, residual = _norm(filtered, spreads, phase, factor, axis)
     _, raw = _norm(error, spreads, phase, factor, axis)
     return phase, valid, axis, raw, residual
@@ -312,7 +316,8 @@ class BaseGenerator:
     """Residual of the base in units of its threshold: a size above 1 indicates a push.
 
     It is the norm of the residuals of all outputs, each over its spread (:mod:`~.threshold`): while neither base nor
-    joints move, while joints move, while they shake the base, and while it drives. Values that the inertial unit does
+    joints move, while joints move, while they shake the base, and while it drives. While joints move its threshold is
+    HELD_FACTOR times as high. Values that the inertial unit does
     not give, or repeats for FROZEN_TICKS, add nothing to it.
 
     Args:

@@ -10,6 +10,7 @@ import numpy as np
 
 from pepper_driver.config import PlantConfig, RobotConfig, load_observer_settings
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.robot import TRUNK
 from pepper_driver.config.workers import Workers
 from pepper_driver.identification.dataset import (
     IdentificationDataset,
@@ -249,7 +250,14 @@ def _fit_fusion(
         models=dict(kept),
         fits={name: fits[name] for name in kept},
         thresholds={
-            name: float(spread_thresholds(model.spread, model.twin.load_gain, false_contacts).max())
+            name: float(
+                spread_thresholds(
+                    model.spread,
+                    model.twin.load_gain,
+                    false_contacts,
+                    trunk=robot.limb_of(name) == TRUNK,
+                ).max()
+            )
             for name, model in kept.items()
         },
         left_out=left_out,

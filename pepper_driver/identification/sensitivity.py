@@ -10,6 +10,7 @@ import numpy as np
 
 from pepper_driver.config import RobotConfig, load_observer_settings
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.config.robot import TRUNK
 from pepper_driver.controller import RobotModel
 from pepper_driver.identification.measurements.program import GRIP, HAND_LINKS
 from pepper_driver.identification.quality import Finding, Kind
@@ -88,7 +89,9 @@ def joint_sensitivities(
             continue
         index = robot.joint_index(joint)
         load_gain = model.twin.load_gain
-        threshold = float(spread_thresholds(model.spread, load_gain, false_contacts)[SLIDING])
+        trunk = robot.limb_of(joint) == TRUNK
+        thresholds = spread_thresholds(model.spread, load_gain, false_contacts, trunk=trunk)
+        threshold = float(thresholds[SLIDING])
         torque = threshold / load_gain
         found[joint] = JointSensitivity(
             threshold=threshold,

@@ -50,6 +50,7 @@ def made(
     *spreads: tuple[float, float, float],
     load_gain: float = 1e-9,
     false_contacts: float = FALSE_CONTACTS,
+    trunk: bool = False,
 ) -> SpreadThreshold:
     """Thresholds of joints with these spreads at rest, just after they broke away, and sliding, as identified."""
     return SpreadThreshold(
@@ -57,6 +58,7 @@ def made(
         np.full(len(spreads), load_gain),
         CYCLE,
         false_contacts=false_contacts,
+        trunk=np.full(len(spreads), trunk),
     )
 
 
@@ -238,6 +240,22 @@ def test_thresholds_of_all_phases_by_hand() -> None:
         found, [FACTOR * 0.01, FACTOR * 0.03, SLIDING_FACTOR * 0.02], rtol=1e-4
     )
     np.testing.assert_allclose(spread_thresholds((1e-5,) * 3, 0.25, FALSE_CONTACTS), 0.02)
+    # Weight on a joint of the trunk sways: its tail is long while it slides, too.
+    found = spread_thresholds((0.01, 0.03, 0.02), 1e-9, FALSE_CONTACTS, trunk=True)
+    np.testing.assert_allclose(found, FACTOR * np.array([0.01, 0.03, 0.02]), rtol=1e-4)
+
+
+def test_joints_of_the_trunk_keep_the_long_tail_while_they_slide() -> None:
+    np.testing.assert_allclose(slide(made((0.02,) * 3, trunk=True)), FACTOR * 0.02, rtol=1e-3)
+    assert made((0.02,) * 3, trunk=True).bounds == pytest.approx(FACTOR * 0.02)
+    mixed = SpreadThreshold(
+        np.full((2, 3), 0.02),
+        np.full(2, 1e-9),
+        CYCLE,
+        false_contacts=FALSE_CONTACTS,
+        trunk=np.array([True, False]),
+    )
+    np.testing.assert_allclose(slide(mixed), [FACTOR * 0.02, SLIDING_FACTOR * 0.02], rtol=1e-3)
 
 
 @pytest.mark.parametrize("phase", [REST, BREAKAWAY, SLIDING])

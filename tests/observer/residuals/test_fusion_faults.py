@@ -9,6 +9,7 @@ import pytest
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.constants import HELD_FACTOR
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.interface import Contact, JointState
 from pepper_driver.observer.models.fusion_model import TAPS, BaseModel
@@ -128,7 +129,9 @@ def test_a_long_push_on_the_base_does_not_make_it_deaf(adapt: bool) -> None:
     made = ticks_of(motion, drive(motion, steps=20))
     for k, one in enumerate(made):
         if 10.0 <= k * CYCLE < 20.0 or 25.0 <= k * CYCLE < 26.0:
-            one.measurement.wheel_speed[:] = MATRIX @ np.array([6.0 * SPREAD, 0.0, 0.0])
+            one.measurement.wheel_speed[:] = MATRIX @ np.array(
+                [6.0 * HELD_FACTOR * SPREAD, 0.0, 0.0]
+            )
     contacts = detect(fusion_observer(adapt=adapt, base=STILL_BASE), made)
     reported = [(c.phase, round(c.time)) for c in contacts if c.phase != "update"]
     assert reported == [("begin", 10), ("end", 20), ("begin", 25), ("end", 26)]
@@ -142,7 +145,9 @@ def test_samples_that_come_late_do_not_break_up_a_push_on_the_base() -> None:
     made = ticks_of(motion, drive(motion, steps=20), late=late.astype(int).tolist())
     for k, one in enumerate(made):
         if 2.0 <= k * CYCLE < 4.0:
-            one.measurement.wheel_speed[:] = MATRIX @ np.array([6.0 * SPREAD, 0.0, 0.0])
+            one.measurement.wheel_speed[:] = MATRIX @ np.array(
+                [6.0 * HELD_FACTOR * SPREAD, 0.0, 0.0]
+            )
     assert late[round(2.0 / CYCLE) : round(4.0 / CYCLE)].sum() > 5
     contacts = detect(fusion_observer(base=STILL_BASE), made)
     reported = [(c.phase, round(c.time, 1)) for c in contacts if c.phase != "update"]

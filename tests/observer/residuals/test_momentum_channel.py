@@ -14,6 +14,7 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.kernels import Records
 from pepper_driver.observer.constants import (
     MIN_DRIVE,
+    MIN_SPREAD,
     REVERSAL_RATIO,
     SETTLING_TICKS,
     SMOOTHING_TIME,
@@ -153,6 +154,17 @@ def test_a_current_that_has_not_passed_zero_has_not_reversed(
     found, given_motor = residual(channels, motor, drive=-motor, resistance=resistance)
     assert given_motor == pytest.approx(-motor if reverses else motor)
     assert found == pytest.approx(given_motor - side * 0.02)
+
+
+@pytest.mark.parametrize(("lowest", "reverses"), [(0.99, True), (1.01, False)])
+def test_a_small_current_has_not_passed_zero_either(lowest: float, reverses: bool) -> None:
+    """Down to what a step of the encoder makes: it need not be large before it strays."""
+    resistance, motor, low = 0.02 - CURRENT.offset, 0.025, lowest * MIN_SPREAD
+    assert low < 0.5 * MIN_DRIVE
+    channels = channel()
+    residual(channels, low, drive=0.0, resistance=resistance, ticks=100)
+    _, given_motor = residual(channels, motor, drive=-motor, resistance=resistance)
+    assert given_motor == pytest.approx(-motor if reverses else motor)
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
