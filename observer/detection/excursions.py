@@ -240,11 +240,11 @@ class JointMonitor:
                 current = self._begin(time, sign, threshold)
             current.fall_time = None
             current.peak = max(current.peak, size)
-            # A rebound that is about to be told as stuck is no hand.
-            settles = self._constant_since is not None and self._fallen(current, residual)
             outlasts = time - current.begin_time > self._rebound_window
-            if current.kind == "rebound" and outlasts and not settles:
-                current.kind = "contact"
+            if current.kind == "rebound" and outlasts:
+                # One that fell and is constant will end as stuck: it is no hand.
+                settles = self._constant_since is not None and self._fallen(current, residual)
+                current.kind = "rebound" if settles else "contact"
             return JointState.REBOUND if current.kind == "rebound" else JointState.CONTACT
         if current is None:
             return JointState.FREE

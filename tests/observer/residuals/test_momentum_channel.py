@@ -158,7 +158,7 @@ def test_a_current_that_has_not_passed_zero_has_not_reversed(
 
 @pytest.mark.parametrize(("lowest", "reverses"), [(0.99, True), (1.01, False)])
 def test_a_small_current_has_not_passed_zero_either(lowest: float, reverses: bool) -> None:
-    """Down to what a step of the encoder makes: it need not be large before it strays."""
+    """Down to what a step of the encoder makes: it need not be large before the board follows another target."""
     resistance, motor, low = 0.02 - CURRENT.offset, 0.025, lowest * MIN_SPREAD
     assert low < 0.5 * MIN_DRIVE
     channels = channel()
