@@ -180,11 +180,13 @@ def fit_joint_stick_slip(
     joint: str, recordings: Sequence[Recording], robot: RobotConfig, target_speed: float = NO_LIMIT
 ) -> StickSlipParameters:
     """Fit the stick-slip model of a joint, with the constants of its motor; see :func:`fit_stick_slip`."""
+    motors = robot.motors
     return fit_stick_slip(
         joint,
         recordings,
         robot.cycle,
-        torque_constant=robot.motors.joint_torque_constant(joint),
+        torque_constant=motors.joint_torque_constant(joint),
+        resistance=motors.of(joint).resistance,
         target_speed=target_speed,
     )
 

@@ -37,6 +37,16 @@ MIN_LOAD_EFFECT = np.radians(0.05)
 FIT_REST_SPEED = 0.03
 """[rad/s] Desired speed below which the error is that at rest."""
 
+WEAK_GAIN = 0.1
+"""[rad/(N m)] 1 / K of a joint as weak as a wrist or a hand: of its load in free motion too little is known to show K. A
+hand has its centre of mass within a millimetre of its axis. At rest its current is lost in noise and dead band."""
+
+SLIDING_SPEED = 0.15
+"""[rad/s] Desired speed from which a joint slides, and its motor turns as the joint is to."""
+
+STEADY_ACCELERATION = 1.0
+"""[rad/s2] Desired acceleration up to which the motor drives the joint."""
+
 _STEP = 1e-3
 """Of finite differences, in units of the scales below."""
 
@@ -160,15 +170,41 @@ class _Runs:
             self.counts[: len(recording), run] = fit_samples(recording, index)
         self.counts[: round(START_UP_TIME / cycle)] = False
         self.current = columns_of("current")
-        self.slow = self.counts & (np.abs(columns_of("velocity")) < FIT_REST_SPEED)
+        self.velocity = columns_of("velocity")
+        speed = np.abs(self.velocity)
+        self.slow = self.counts & (speed < FIT_REST_SPEED)
+        steady = np.abs(columns_of("acceleration")) < STEADY_ACCELERATION
+        self.sliding = self.counts & (speed > SLIDING_SPEED) & steady
 
     def load_gain_at_rest(self, torque_constant: float) -> float | None:
-        """Return 1 / K [rad/(N m)] if the current follows from the error alone; None without current."""
+        """Return 1 / K [rad/(N m)] if the current follows from the error alone; None without current.
+
+        Args:
+            torque_constant: N Kt [N m/A].
+        """
         current = self.current[self.slow]
         error = np.abs(self.target - self.position)[self.slow]
         power = float(current @ current)
         gain = float(current @ error) / power / torque_constant if power > 0.0 else 0.0
         return gain if gain > 0.0 else None
+
+    def load_gain_sliding(self, torque_constant: float, resistance: float) -> float | None:
+        """Return 1 / K [rad/(N m)] of a joint without load while it slides; None if it does not show.
+
+        The voltage of its board, R i + N Ke v, grows by Kp with the error, beyond a dead band; K = Kp N Kt / R (Eq. 1 and 2
+        of the paper, with Ke = Kt).
+
+        Args:
+            torque_constant: N Kt [N m/A].
+            resistance: R [ohm].
+        """
+        velocity = self.velocity[self.sliding]
+        if len(velocity) < 2:
+            return None
+        error = np.sign(velocity) * (self.target - self.position)[self.sliding]
+        voltage = resistance * self.current[self.sliding] + torque_constant * np.abs(velocity)
+        (power, product), _ = np.cov(error, voltage)
+        return float(resistance * power / (product * torque_constant)) if product > 0.0 else None
 
     def simulate(self, parameters: Mapping[str, FloatArray]) -> FloatArray:
         """Simulate p sets of parameters (p,) on all r runs; return (p, n, r) positions [rad]."""
@@ -193,6 +229,7 @@ def fit_stick_slip(
     cycle: float,
     *,
     torque_constant: float | None = None,
+    resistance: float | None = None,
     target_speed: float = NO_LIMIT,
 ) -> StickSlipParameters:
     """Fit a stick-slip model by least squares of its position against the encoder, over whole runs.
@@ -206,6 +243,8 @@ def fit_stick_slip(
         cycle: Period of the ticks [s].
         torque_constant: Kt N, of motor and gear [N m/A]. With it, current over error at rest determines the stiffness
             of a joint with hardly any load.
+        resistance: Of the motor [ohm]. With it too, current over error in motion is the stiffness of a joint as weak as a
+            wrist.
         target_speed: Largest speed of the board's target [rad/s], which is measured and not fitted.
 
     Raises:
@@ -216,7 +255,7 @@ def fit_stick_slip(
         raise FittingError(
             f"{joint}: none of its samples counts: it falls behind in all of its runs, or they are altered or stale"
         )
-    fit = _Fit(runs, torque_constant)
+    fit = _Fit(runs, torque_constant, resistance)
     starts = fit.starts()
     best, cost = min((fit.solve(_REQUIRED, start) for start in starts), key=lambda end: end[1])
     for optional in _OPTIONAL:
@@ -233,12 +272,19 @@ def fit_stick_slip(
 class _Fit:
     """Least-squares problem of one joint."""
 
-    def __init__(self, runs: _Runs, torque_constant: float | None) -> None:
+    def __init__(
+        self, runs: _Runs, torque_constant: float | None, resistance: float | None
+    ) -> None:
         self._runs = runs
         self._measured = runs.position[runs.counts]
-        self._load_gain = None
+        self._load_gain, self._known = None, {}
         if torque_constant is not None:
             self._load_gain = runs.load_gain_at_rest(torque_constant)
+            if resistance is not None and (self._load_gain or 0.0) > WEAK_GAIN:
+                sliding = runs.load_gain_sliding(torque_constant, resistance)
+                if sliding is not None:
+                    self._load_gain = None
+                    self._known = {"load_gain": min(sliding, _RANGES["load_gain"].upper)}
         weight = len(self._measured) ** 0.5 * MIN_LOAD_EFFECT / LOSS_SCALE
         self._prior_weight = 0.0 if self._load_gain is None else weight
 
@@ -254,6 +300,7 @@ class _Fit:
         # Imported for identification only: the import is slow.
         from scipy.optimize import least_squares
 
+        names = tuple(name for name in names if name not in self._known)
         ranges = [_RANGES[name] for name in names]
         scale = np.array([r.scale for r in ranges])
 
@@ -283,14 +330,15 @@ class _Fit:
             max_nfev=40,
         )
         values = dict(zip(names, (solution.x * scale).tolist(), strict=True))
-        return values, float(solution.cost)
+        return values | self._known, float(solution.cost)
 
     def _errors(self, names: tuple[str, ...], points: FloatArray) -> FloatArray:
         """Return (p, m) errors of p sets of constants in units of LOSS_SCALE; the last one is that of the prior.
 
         Large ones count linearly: the squares of what is returned add up to the cost of the loss ``soft_l1``.
         """
-        positions = self._runs.simulate(dict(zip(names, points.T, strict=True)))
+        known = {name: np.full(len(points), value) for name, value in self._known.items()}
+        positions = self._runs.simulate(dict(zip(names, points.T, strict=True)) | known)
         errors = np.empty((len(points), len(self._measured) + 1))
         for row, of_set in zip(errors, positions, strict=True):
             np.subtract(of_set[self._runs.counts], self._measured, out=row[:-1])
