@@ -38,11 +38,11 @@ FIT_REST_SPEED = 0.03
 """[rad/s] Desired speed below which the error is that at rest."""
 
 WEAK_GAIN = 0.1
-"""[rad/(N m)] 1 / K of a joint as weak as a wrist or a hand: of its load in free motion too little is known to show K. A
-hand has its centre of mass within a millimetre of its axis. At rest its current is lost in noise and dead band."""
+"""[rad/(N m)] 1 / K of a joint as weak as a wrist or a hand. Too little is known of its load to show K: the centre of mass
+of a hand is a millimetre from its axis. At rest its current is lost in noise and dead band."""
 
-SLIDING_SPEED = 0.15
-"""[rad/s] Desired speed from which a joint slides, and its motor turns as the joint is to."""
+SLIDING_SPEED = 0.3
+"""[rad/s] Desired speed from which a joint slides: its motor turns as fast as the joint is to."""
 
 STEADY_ACCELERATION = 1.0
 """[rad/s2] Desired acceleration up to which the motor drives the joint."""
@@ -191,8 +191,8 @@ class _Runs:
     def load_gain_sliding(self, torque_constant: float, resistance: float) -> float | None:
         """Return 1 / K [rad/(N m)] of a joint without load while it slides; None if it does not show.
 
-        The voltage of its board, R i + N Ke v, grows by Kp with the error, beyond a dead band; K = Kp N Kt / R (Eq. 1 and 2
-        of the paper, with Ke = Kt).
+        The voltage of its board, R i + N Ke v, grows by Kp with the error, beyond a dead band; K = Kp N Kt / R
+        (Eq. 1 and 2 of the paper, with Ke = Kt).
 
         Args:
             torque_constant: N Kt [N m/A].
@@ -243,7 +243,7 @@ def fit_stick_slip(
         cycle: Period of the ticks [s].
         torque_constant: Kt N, of motor and gear [N m/A]. With it, current over error at rest determines the stiffness
             of a joint with hardly any load.
-        resistance: Of the motor [ohm]. With it too, current over error in motion is the stiffness of a joint as weak as a
+        resistance: Of the motor [ohm]. With it, the current in motion determines the stiffness of a joint as weak as a
             wrist.
         target_speed: Largest speed of the board's target [rad/s], which is measured and not fitted.
 
