@@ -64,8 +64,8 @@ SMOOTHING_TIME = 0.03
 
 # -- load of a hand --------------------------------------------------------------------------------------------------
 
-LOAD_MASS_STD = 0.25
-"""[kg] Standard deviation of its mass before it has shown."""
+LOAD_MASS_STD = 0.4
+"""[kg] Standard deviation of its mass before it has shown: half a kilogram is nothing odd."""
 
 LOAD_PLACE_STD = 0.03
 """[m] Standard deviation of its centre around the origin of the hand."""

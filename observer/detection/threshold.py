@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pepper_driver.config.arrays import BoolArray, FloatArray
+from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray
 from pepper_driver.config.kernels import Matrix, Out, Records, kernel, make_records
 from pepper_driver.observer.constants import (
     CORRECTION_TIME,
@@ -142,7 +142,6 @@ def step_threshold(
     j: int,
     speed: float,
     desired: float,
-    load_doubt: float,
     limited: bool,
     rest_ticks: int,
 ) -> float:
@@ -155,7 +154,6 @@ def step_threshold(
         j: Index of the joint.
         speed: Without touch [rad/s]: of the stick-slip model, which friction holds as it does the joint.
         desired: Velocity that is commanded [rad/s].
-        load_doubt: Standard deviation of the error that follows from what is not known of the loads [rad].
         limited: True if the safety gate altered the command.
         rest_ticks: In which a model follows its joint at rest.
     """
@@ -181,10 +179,29 @@ def step_threshold(
     state.last = threshold
     if limited:
         threshold *= UNSURE_FACTOR
-    # The model of a joint at rest soon knows what a load has done to its position.
-    if state.held_ticks + 1 < PUSH_TICKS + rest_ticks:
-        threshold += UNSURE_FACTOR * load_doubt
     return float(threshold)
+
+
+@kernel
+def load_margin(
+    states: Records[ThresholdState], limbs: IntArray, j: int, load_doubt: float, rest_ticks: int
+) -> float:
+    """Return what a threshold is wider by, for a load in the hand that is not known [rad].
+
+    The load pulls at a joint from another side while any joint of its limb moves. Models of a limb at rest soon know what
+    it has done to them.
+
+    Args:
+        states: Of the joints, after the tick.
+        limbs: (n,) number of the limb of each joint.
+        j: Index of the joint.
+        load_doubt: Standard deviation of the error that follows from what is not known of the load [rad].
+        rest_ticks: In which a model follows its joint at rest.
+    """
+    for i in range(len(states)):
+        if limbs[i] == limbs[j] and states[i].held_ticks + 1 < PUSH_TICKS + rest_ticks:
+            return UNSURE_FACTOR * load_doubt
+    return 0.0
 
 
 class SpreadThreshold:

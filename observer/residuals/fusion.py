@@ -26,6 +26,7 @@ from pepper_driver.observer.detection.threshold import (
     SpreadThreshold,
     ThresholdState,
     learn_spread,
+    load_margin,
     step_threshold,
 )
 from pepper_driver.observer.interface import MAX_PLAUSIBLE, MIN_OBSERVED_STIFFNESS, Residuals
@@ -101,6 +102,7 @@ def _set_thresholds(
     states: Out[Records[ThresholdState]],
     factors: Matrix[FloatArray],
     rest_ticks: int,
+    limbs: IntArray,
     doubts: Records[DoubtState],
     model: Records[StickSlipState],
     desired: FloatArray,
@@ -118,10 +120,11 @@ def _set_thresholds(
             j,
             model[j].velocity,
             desired[j],
-            load_doubt[j],
             limited[j],
             rest_ticks,
         )
+    for j in range(len(own)):
+        own[j] += load_margin(states, limbs, j, load_doubt[j], rest_ticks)
         raised[j] = raise_threshold(doubts, j, own[j])
 
 
@@ -412,6 +415,7 @@ class FusionGenerator:
             thresholds.states,
             thresholds.factors,
             thresholds.rest_ticks,
+            self._limbs,
             self._doubts,
             prediction.model,
             prediction.velocity,
