@@ -188,8 +188,8 @@ def load_margin(
 ) -> float:
     """Return what a threshold is wider by, for a load in the hand that is not known [rad].
 
-    The load pulls at a joint from another side while any joint of its limb moves. Models of a limb at rest soon know what
-    it has done to them.
+    It pulls at a joint from another side while any joint of its limb moves. Models of a limb at rest soon know what it
+    has done to them.
 
     Args:
         states: Of the joints, after the tick.
