@@ -38,8 +38,8 @@ FIT_REST_SPEED = 0.03
 """[rad/s] Desired speed below which the error is that at rest."""
 
 WEAK_GAIN = 0.1
-"""[rad/(N m)] 1 / K of a joint as weak as a wrist or a hand. Too little is known of its load to show K: a hand has its
-centre of mass a millimetre from the axis. At rest its current is lost in noise and dead band."""
+"""[rad/(N m)] 1 / K of a joint as weak as a wrist or a hand. Too little is known of its load to show K, or friction by
+load: a hand has its centre of mass a millimetre from the axis. At rest its current is lost in noise and dead band."""
 
 SLIDING_SPEED = 0.3
 """[rad/s] Desired speed from which a joint slides: its motor turns as fast as the joint is to."""
@@ -284,7 +284,8 @@ class _Fit:
                 sliding = runs.load_gain_sliding(torque_constant, resistance)
                 if sliding is not None:
                     self._load_gain = None
-                    self._known = {"load_gain": min(sliding, _RANGES["load_gain"].upper)}
+                    gain = min(sliding, _RANGES["load_gain"].upper)
+                    self._known = {"load_gain": gain, "load_friction": 0.0}
         weight = len(self._measured) ** 0.5 * MIN_LOAD_EFFECT / LOSS_SCALE
         self._prior_weight = 0.0 if self._load_gain is None else weight
 
