@@ -75,7 +75,6 @@ def step_each(
                 j,
                 float(speed[j]),
                 float(desired[j]),
-                0.0,
                 bool(limited[j]),
                 target.rest_ticks,
             )

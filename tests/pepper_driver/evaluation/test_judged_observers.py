@@ -182,10 +182,11 @@ def test_momentum_with_our_threshold() -> None:
     # No joint slides in the first tick; later one does, and its spread has begun to learn.
     np.testing.assert_allclose(adaptive.threshold, first_thresholds())
     later = observe(made("momentum-adaptive"), ticks=60)[-1].threshold / thresholds(REST)
-    assert later[INDEX] == pytest.approx(
-        thresholds(SLIDING)[INDEX] / thresholds(REST)[INDEX], rel=0.1
-    )
-    np.testing.assert_allclose(np.delete(later, INDEX), 1.0, rtol=0.05)
+    # Those of its arm are wider by what its hand may hold, and wait for that to show.
+    slides = thresholds(SLIDING)[INDEX] / thresholds(REST)[INDEX]
+    assert slides < later[INDEX] < 1.3 * slides
+    arm = [ROBOT.joint_index(joint) for joint in ROBOT.limbs[ROBOT.limb_of(JOINT)]]
+    np.testing.assert_allclose(np.delete(later, arm), 1.0, rtol=0.05)
     wheels = np.zeros((len(RUN), 3))
     wheels[100:200] = 3.0
     pushed = replace(recording(len(RUN) * CYCLE), wheel_speed=wheels)
