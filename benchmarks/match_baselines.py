@@ -29,9 +29,9 @@ from pepper_driver.evaluation.touch.summary import summarise_touch
 from pepper_driver.evaluation.touch.summary_data import TouchSummary
 
 FACTORS = {
-    "momentum": (1.0, 4.0, 4.1, 4.3, 4.6, 5.0),
-    "paper-affine": (1.0, 7.5, 7.7, 8.0),
-    "paper-cart": (1.0, 7.5, 7.7, 8.0),
+    "momentum": (1.0, 4.0, 4.3, 4.6, 5.0, 5.5, 6.0, 7.0),
+    "paper-affine": (1.0, 7.5, 7.7, 8.0, 8.5, 9.0, 10.0, 12.0),
+    "paper-cart": (1.0, 7.5, 8.0, 8.5, 9.0, 10.0, 12.0),
     "error": (1.0, 8.0, 8.5, 9.0, 10.0),
 }
 """1, and a fine grid where coarser ones came down to the false contacts of ours."""
