@@ -65,7 +65,7 @@ SMOOTHING_TIME = 0.03
 # -- load of a hand --------------------------------------------------------------------------------------------------
 
 LOAD_MASS_STD = 0.4
-"""[kg] Standard deviation of its mass before it has shown: half a kilogram is nothing odd."""
+"""[kg] Standard deviation of its mass before it has shown: twice it covers half a kilogram and a wrong stiffness."""
 
 LOAD_PLACE_STD = 0.03
 """[m] Standard deviation of its centre around the origin of the hand."""
