@@ -166,15 +166,14 @@ def _forces(
     column = _column(model, index, joint, link, point, posture)
     smallest = column * (torque / float(column @ column))
     yield smallest
-    outer = _outer(robot, joint)
     if not np.isfinite(bounds.max_distal_ratio):
         return
-    jacobian = model.point_jacobian(link, point, posture)[:, outer]
-    alone = (
-        column - jacobian @ np.linalg.lstsq(jacobian, column, rcond=None)[0] if outer else column
-    )
+    levers = model.point_jacobian(link, point, posture)[:, _outer(robot, joint)]
+    # A point on the axis of a joint has a lever of rounding errors, in any direction.
+    turning = levers[:, np.linalg.norm(levers, axis=0) >= SHORTEST_LEVER]
+    alone = column - turning @ np.linalg.lstsq(turning, column, rcond=None)[0]
     candidates = [smallest]
-    if outer and float(np.linalg.norm(alone)) >= SHORTEST_LEVER:
+    if turning.size and float(np.linalg.norm(alone)) >= SHORTEST_LEVER:
         for fraction in (0.4, 0.2, 0.0):
             along = alone + fraction * (column - alone)
             candidates.append(along * (torque / float(along @ column)))

@@ -199,6 +199,49 @@ def test_joints_further_out_feel_little_if_that_is_wanted(joint: str, direction:
         assert chosen.newtons > plain.newtons
 
 
+class InexactModel(RobotModel):
+    """Model of another processor: rounding errors of its own in each Jacobian."""
+
+    random = np.random.default_rng(0)
+
+    def point_jacobian(
+        self, link: str, point: FloatArray, joint_position: FloatArray
+    ) -> FloatArray:
+        exact = super().point_jacobian(link, point, joint_position)
+        inexact: FloatArray = exact + 1e-16 * self.random.normal(size=exact.shape)
+        return inexact
+
+
+def test_a_point_on_the_axis_of_an_outer_joint_leaves_the_push_to_no_rounding_error() -> None:
+    pepper = make_pepper("rolling")
+    random = np.random.default_rng(1)
+    exact, inexact = RobotModel(ROBOT), InexactModel(ROBOT)
+    bounds = PushLimits(load=0.8, tipping=0.6, max_distal_ratio=0.25)
+    arm = [ROBOT.joint_index(name) for name in ROBOT.chain_of("RElbowRoll")][-6:]
+    planned = 0
+    for side in [-1, 1] * 20:
+        posture = ROBOT.posture("Stand")
+        posture[arm] += random.uniform(-0.5, 0.5, len(arm))
+
+        def force(
+            model: RobotModel, posture: FloatArray = posture, side: int = side
+        ) -> FloatArray | None:
+            arguments: dict[str, Any] = {"joint": "RElbowRoll", "degrees": 2.5, "direction": side}
+            arguments |= {"link": "RForeArm", "point": np.array([0.14, 0.0, 0.0])}
+            arguments |= {"posture": posture, "bounds": bounds}
+            try:
+                return plan_push(model, ROBOT, pepper.backend.plant, **arguments).force
+            except PushTooStrongError:
+                return None
+
+        chosen, elsewhere = force(exact), force(inexact)
+        assert (chosen is None) == (elsewhere is None)
+        if chosen is not None and elsewhere is not None:
+            np.testing.assert_allclose(elsewhere, chosen, atol=1e-9)
+            planned += 1
+    assert planned > 5, "else this test says nothing"
+
+
 def test_a_place_where_joints_further_out_must_feel_it_is_refused() -> None:
     pepper = make_pepper()
     bounds = PushLimits(load=np.inf, tipping=np.inf, max_distal_ratio=0.25)
