@@ -212,29 +212,37 @@ class InexactModel(RobotModel):
         return inexact
 
 
-def test_a_point_on_the_axis_of_an_outer_joint_leaves_the_push_to_no_rounding_error() -> None:
-    pepper = make_pepper("rolling")
-    random = np.random.default_rng(1)
+def elbow_force(
+    model: RobotModel, pepper: Pepper, posture: FloatArray, direction: int
+) -> FloatArray | None:
+    """Return the force (3,) [N] of a push on the right elbow, on the axis of the wrist; None if none is possible."""
+    try:
+        return plan_push(
+            model,
+            ROBOT,
+            pepper.backend.plant,
+            joint="RElbowRoll",
+            link="RForeArm",
+            point=np.array([0.14, 0.0, 0.0]),
+            degrees=2.5,
+            direction=direction,
+            posture=posture,
+            bounds=PushLimits(load=0.8, tipping=0.6, max_distal_ratio=0.25),
+        ).force
+    except PushTooStrongError:
+        return None
+
+
+def test_on_the_axis_of_an_outer_joint_rounding_errors_choose_no_force() -> None:
+    pepper, random = make_pepper("rolling"), np.random.default_rng(1)
     exact, inexact = RobotModel(ROBOT), InexactModel(ROBOT)
-    bounds = PushLimits(load=0.8, tipping=0.6, max_distal_ratio=0.25)
-    arm = [ROBOT.joint_index(name) for name in ROBOT.chain_of("RElbowRoll")][-6:]
+    arm = [ROBOT.joint_index(name) for name in ROBOT.limbs["right_arm"]]
     planned = 0
-    for side in [-1, 1] * 20:
+    for direction in [-1, 1] * 20:
         posture = ROBOT.posture("Stand")
         posture[arm] += random.uniform(-0.5, 0.5, len(arm))
-
-        def force(
-            model: RobotModel, posture: FloatArray = posture, side: int = side
-        ) -> FloatArray | None:
-            arguments: dict[str, Any] = {"joint": "RElbowRoll", "degrees": 2.5, "direction": side}
-            arguments |= {"link": "RForeArm", "point": np.array([0.14, 0.0, 0.0])}
-            arguments |= {"posture": posture, "bounds": bounds}
-            try:
-                return plan_push(model, ROBOT, pepper.backend.plant, **arguments).force
-            except PushTooStrongError:
-                return None
-
-        chosen, elsewhere = force(exact), force(inexact)
+        chosen = elbow_force(exact, pepper, posture, direction)
+        elsewhere = elbow_force(inexact, pepper, posture, direction)
         assert (chosen is None) == (elsewhere is None)
         if chosen is not None and elsewhere is not None:
             np.testing.assert_allclose(elsewhere, chosen, atol=1e-9)
