@@ -32,7 +32,8 @@ Growth of the variance of a load in an update, which forgets it within a minute 
 
 QUIET_RATIO = 0.5
 """Fraction of a threshold below which a residual is used for learning, and a touch is over; of the largest ratio of
-residual and threshold in a limb, below which the contact only shakes a joint."""
+residual and threshold in a limb, below which the contact only shakes a joint; of its recent size, below which a current
+may have reversed: it passes zero then, and is smoothed."""
 
 UNSURE_FACTOR = 2.0
 """By which something may be off that was identified: the spread of today; a threshold while the safety gate alters the
@@ -41,6 +42,9 @@ command, and in doubt; the current of a board against the output of its law."""
 HELD_FACTOR = 1.4
 """On the threshold of a joint that is to move, or was CORRECTION_TIME ago, and does not slide for SETTLING_TICKS; and
 on that of the base while joints move. Friction lets go of a joint sooner or later than its model."""
+
+FRICTION_RATIO = 0.7
+"""Smallest threshold of a joint while it slides, over its friction: in slow motion friction lets go and holds again."""
 
 CONFIRMING_RATIO = 0.55
 """On the thresholds of the limb that shows most, just after the base was pushed: one sign confirms the other."""
@@ -51,7 +55,7 @@ PUSH_TICKS = 12
 """In which a push that begins shows in all joints that it turns: friction holds it back for a moment."""
 
 SETTLING_TICKS = 25
-"""In which a joint, its current and the base settle: 0.3 s."""
+"""In which a joint, its current and the base settle: 0.3 s. A joint that swings may take longer."""
 
 CORRECTION_TIME = 1.5
 """[s] Time constant of models that follow what they do not know: rest positions, integrals, level of the robot."""
@@ -89,9 +93,6 @@ push, and for a current that shows no sign."""
 
 MAX_STRAY = np.radians(4.0)
 """[rad] Output of the law beyond which a board does not only follow another target: recorded ones are off by less."""
-
-REVERSAL_RATIO = 0.3
-"""Fraction of its recent size below which a current may have reversed: it passes zero then, and is smoothed."""
 
 # -- end and place ----------------------------------------------------------------------------------------------------
 

@@ -5,13 +5,13 @@ starts as identified, and follows the robot of today slowly. How large a multipl
 false contacts that are allowed: the tail of the spread is exponential. It is long at rest, while a joint breaks away,
 and for joints of the trunk; it is short in motion of a limb that lasts. A joint that is commanded to move and does not
 slide yet breaks away sooner or later than its model: its threshold is HELD_FACTOR times as high, until its model has
-followed it at rest.
+followed it at rest. In slow motion, friction lets go of a joint and holds it again: a threshold while sliding is at
+least FRICTION_RATIO of it. A joint that swings around its target settles later than others.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from pepper_driver.config.kernels import Matrix, Out, Records, kernel, make_reco
 from pepper_driver.observer.constants import (
     CORRECTION_TIME,
     EXCURSIONS,
+    FRICTION_RATIO,
     HELD_FACTOR,
     MIN_SPREAD,
     MIN_TORQUE,
@@ -31,6 +32,7 @@ from pepper_driver.observer.constants import (
     TAIL,
     UNSURE_FACTOR,
 )
+from pepper_driver.observer.models.fusion_model import FusionModel
 
 SPREAD_QUANTILE = 0.99
 """The spread is this quantile of the size of a residual in free motion."""
@@ -39,7 +41,7 @@ MIN_SAMPLES = 500
 """Six seconds in a phase of the motion, from which a spread is found; with fewer it is that of another phase."""
 
 REST, BREAKAWAY, SLIDING = range(3)
-"""Phases of the motion of a joint without touch: at rest; just after it broke away; sliding for SETTLING_TICKS."""
+"""Phases of the motion of a joint without touch: at rest; just after it broke away; sliding since it has settled."""
 
 
 def threshold_factor(false_contacts: float, tail: float) -> float:
@@ -56,20 +58,31 @@ def phase_factors(false_contacts: float, *, trunk: bool = False) -> FloatArray:
     return np.array([threshold_factor(false_contacts, tail) for tail in tails])
 
 
-def spread_thresholds(
-    spread: Sequence[float], load_gain: float, false_contacts: float, *, trunk: bool = False
-) -> FloatArray:
-    """Return (3,) thresholds of a joint with these spreads, by phase [rad].
+def smallest_thresholds(load_gain: FloatArray | float, friction: FloatArray | float) -> FloatArray:
+    """Return the smallest thresholds by phase, (3,) of a joint or (3, n) of joints [rad].
 
     Args:
-        spread: By phase [rad].
         load_gain: g = 1 / K [rad/(N m)].
+        friction: F / K [rad].
+    """
+    torque = MIN_TORQUE * load_gain
+    return np.array([torque, torque, np.maximum(torque, FRICTION_RATIO * friction)])
+
+
+def identified_thresholds(
+    model: FusionModel, false_contacts: float, *, trunk: bool = False
+) -> FloatArray:
+    """Return (3,) thresholds of a joint as identified, by phase [rad].
+
+    Args:
+        model: Of the joint.
         false_contacts: That are allowed in an hour.
         trunk: True for a joint of the trunk.
     """
     factors = phase_factors(false_contacts, trunk=trunk)
     thresholds: FloatArray = np.maximum(
-        factors * np.maximum(spread, MIN_SPREAD), MIN_TORQUE * load_gain
+        factors * np.maximum(model.spread, MIN_SPREAD),
+        smallest_thresholds(model.twin.load_gain, model.twin.friction),
     )
     return thresholds
 
@@ -114,7 +127,7 @@ class ThresholdState:
     """Threshold of one joint, and the motion without touch on which it depends.
 
     Attributes:
-        lowest: Smallest threshold [rad].
+        settling_ticks: In which it settles after it broke away.
         held_ticks: For which its model has been at rest.
         sliding_ticks: For which it has slid.
         still_ticks: For which its command has been at rest.
@@ -124,7 +137,7 @@ class ThresholdState:
         last: Threshold of the last tick, if the gate did not alter the command [rad].
     """
 
-    lowest: float
+    settling_ticks: int
     held_ticks: int
     sliding_ticks: int
     still_ticks: int
@@ -139,6 +152,7 @@ def step_threshold(
     spreads: Records[SpreadState],
     states: Out[Records[ThresholdState]],
     factors: Matrix[FloatArray],
+    smallest: Matrix[FloatArray],
     j: int,
     speed: float,
     desired: float,
@@ -151,6 +165,7 @@ def step_threshold(
         spreads: By phase and joint.
         states: Of the joints.
         factors: (3, n) of a threshold over the spread, by phase and joint.
+        smallest: (3, n) smallest threshold, by phase and joint [rad].
         j: Index of the joint.
         speed: Without touch [rad/s]: of the stick-slip model, which friction holds as it does the joint.
         desired: Velocity that is commanded [rad/s].
@@ -164,7 +179,7 @@ def step_threshold(
     state.moving = state.held_ticks < PUSH_TICKS
     if not state.moving:
         state.phase = REST
-    elif state.sliding_ticks <= SETTLING_TICKS:
+    elif state.sliding_ticks <= state.settling_ticks:
         state.phase = BREAKAWAY
     else:
         state.phase = SLIDING
@@ -172,7 +187,7 @@ def step_threshold(
     if state.phase != SLIDING and state.still_ticks <= rest_ticks:
         factor *= HELD_FACTOR
     spread = spreads[state.phase * len(states) + j]
-    threshold = np.maximum(spread.today * factor, state.lowest)
+    threshold = np.maximum(spread.today * factor, smallest[state.phase, j])
     if state.touched:
         # A hand holds on while a joint turns or stops: its touch is over when it is.
         threshold = min(threshold, state.last)
@@ -210,12 +225,15 @@ class SpreadThreshold:
     Args:
         spread: (n, 3) as identified, by phase [rad]; NaN for joints without a model.
         load_gain: (n,) g = 1 / K [rad/(N m)].
+        friction: (n,) F / K [rad].
+        settling_time: (n,) in which a swing decays [s].
         cycle: Period of the ticks [s].
         false_contacts: That are allowed in an hour.
         trunk: (n,) joints of the trunk.
 
     Attributes:
         factors: (3, n) of a threshold over the spread, by phase and joint.
+        smallest: (3, n) smallest threshold, by phase and joint [rad].
         rest_ticks: In which a model follows its joint at rest.
         spreads: (3 n,) by phase and joint.
         states: Of the joints.
@@ -225,6 +243,8 @@ class SpreadThreshold:
         self,
         spread: FloatArray,
         load_gain: FloatArray,
+        friction: FloatArray,
+        settling_time: FloatArray,
         cycle: float,
         *,
         false_contacts: float,
@@ -233,8 +253,12 @@ class SpreadThreshold:
         self._identified = np.fmax(spread, MIN_SPREAD)
         self._identified[np.isnan(spread)] = np.nan
         by_joint = [phase_factors(false_contacts, trunk=bool(joint)) for joint in trunk]
-        self.factors, self._lowest = np.array(by_joint).T.copy(), MIN_TORQUE * load_gain
+        self.factors = np.array(by_joint).T.copy()
+        self.smallest = smallest_thresholds(load_gain, friction)
         self.rest_ticks = round(CORRECTION_TIME / cycle)
+        # A swing that hardly decays ends with the motion.
+        settling = np.rint(np.minimum(settling_time, CORRECTION_TIME) / cycle)
+        self._settling_ticks = np.maximum(settling, SETTLING_TICKS).astype(np.int64)
         self.reset()
 
     def reset(self) -> None:
@@ -243,8 +267,8 @@ class SpreadThreshold:
         self.spreads = make_records(SpreadState, len(by_phase), identified=by_phase, today=by_phase)
         self.states = make_records(
             ThresholdState,
-            len(self._lowest),
-            lowest=self._lowest,
+            len(self._settling_ticks),
+            settling_ticks=self._settling_ticks,
             held_ticks=PUSH_TICKS + self.rest_ticks,
             still_ticks=self.rest_ticks,
             last=np.inf,
@@ -253,13 +277,13 @@ class SpreadThreshold:
     @property
     def bounds(self) -> FloatArray:
         """(n,) largest threshold of each joint, as identified [rad]."""
-        largest = (self.factors.T * self._identified).max(axis=1)
-        bounds: FloatArray = np.maximum(largest, self._lowest)
+        by_phase = np.maximum(self.factors * self._identified.T, self.smallest)
+        bounds: FloatArray = by_phase.max(axis=0)
         return bounds
 
     @property
     def change(self) -> FloatArray:
         """(n,) spread while sliding over that identified."""
         sliding = self.spreads["today"] / self.spreads["identified"]
-        change: FloatArray = sliding[SLIDING * len(self._lowest) :]
+        change: FloatArray = sliding[SLIDING * len(self.states) :]
         return change

@@ -91,6 +91,19 @@ class StickSlipParameters:
         """K = 1 / g [N m/rad]."""
         return 1.0 / self.load_gain
 
+    @property
+    def settling_time(self) -> float:
+        """Time in which the swing of the joint around its target decays to 5 %, without friction [s].
+
+        By the poles of Eq. 11 with the integral: J s3 + d s2 + s + ki = 0. 0 for a joint that does not swing, infinite
+        for one whose swing does not decay.
+        """
+        poles = np.roots([self.inertia, self.lag, 1.0, self.integral_rate])
+        decay = -poles[np.iscomplex(poles)].real
+        if not len(decay):
+            return 0.0
+        return math.log(20.0) / min(decay) if min(decay) > 0.0 else math.inf
+
 
 PARAMETERS = tuple(field.name for field in fields(StickSlipParameters))
 

@@ -101,6 +101,7 @@ def _set_thresholds(
     spreads: Records[SpreadState],
     states: Out[Records[ThresholdState]],
     factors: Matrix[FloatArray],
+    smallest: Matrix[FloatArray],
     rest_ticks: int,
     limbs: IntArray,
     doubts: Records[DoubtState],
@@ -117,6 +118,7 @@ def _set_thresholds(
             spreads,
             states,
             factors,
+            smallest,
             j,
             model[j].velocity,
             desired[j],
@@ -308,10 +310,18 @@ class FusionGenerator:
         self._predictor = ErrorPredictor(models, cycle)
         self.no_model = np.array([m is None for m in models])
         spread = np.array([(np.nan,) * 3 if m is None else m.spread for m in models])
-        gain = self._predictor.identified["load_gain"]
+        identified = self._predictor.identified
+        gain = identified["load_gain"]
+        settling = np.array([0.0 if m is None else m.twin.settling_time for m in models])
         limb_numbers = np.arange(1, n + 1) if limbs is None else limbs
         self._threshold = SpreadThreshold(
-            spread, gain, cycle, false_contacts=false_contacts, trunk=limb_numbers == 0
+            spread,
+            gain,
+            identified["friction"],
+            settling,
+            cycle,
+            false_contacts=false_contacts,
+            trunk=limb_numbers == 0,
         )
         self.bounds = self._threshold.bounds
         self._limbs = limb_numbers if parts.limbs else np.arange(n)
@@ -414,6 +424,7 @@ class FusionGenerator:
             thresholds.spreads,
             thresholds.states,
             thresholds.factors,
+            thresholds.smallest,
             thresholds.rest_ticks,
             self._limbs,
             self._doubts,

@@ -33,7 +33,7 @@ from pepper_driver.observer import (
     nrmse_fit,
     predict_recording,
 )
-from pepper_driver.observer.detection.threshold import spread_thresholds
+from pepper_driver.observer.detection.threshold import identified_thresholds
 from pepper_driver.observer.fitting.samples import in_working_range
 from pepper_driver.observer.models.stick_slip import NO_LIMIT
 
@@ -251,11 +251,8 @@ def _fit_fusion(
         fits={name: fits[name] for name in kept},
         thresholds={
             name: float(
-                spread_thresholds(
-                    model.spread,
-                    model.twin.load_gain,
-                    false_contacts,
-                    trunk=robot.limb_of(name) == TRUNK,
+                identified_thresholds(
+                    model, false_contacts, trunk=robot.limb_of(name) == TRUNK
                 ).max()
             )
             for name, model in kept.items()

@@ -15,7 +15,7 @@ from pepper_driver.controller import RobotModel
 from pepper_driver.identification.measurements.program import GRIP, HAND_LINKS
 from pepper_driver.identification.quality import Finding, Kind
 from pepper_driver.observer import FitScore, FusionModel, JointModel
-from pepper_driver.observer.detection.threshold import SLIDING, spread_thresholds
+from pepper_driver.observer.detection.threshold import SLIDING, identified_thresholds
 
 MAX_THRESHOLD = np.radians(3.0)
 """[rad] Threshold in motion beyond which a joint of the upper arm is blind, if MAX_TORQUE is too."""
@@ -90,7 +90,7 @@ def joint_sensitivities(
         index = robot.joint_index(joint)
         load_gain = model.twin.load_gain
         trunk = robot.limb_of(joint) == TRUNK
-        thresholds = spread_thresholds(model.spread, load_gain, false_contacts, trunk=trunk)
+        thresholds = identified_thresholds(model, false_contacts, trunk=trunk)
         threshold = float(thresholds[SLIDING])
         torque = threshold / load_gain
         found[joint] = JointSensitivity(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from pepper_driver.config.kernels import make_records
 from pepper_driver.observer.constants import (
     CORRECTION_TIME,
     EXCURSIONS,
+    FRICTION_RATIO,
     HELD_FACTOR,
     MIN_SPREAD,
     MIN_TORQUE,
@@ -30,11 +32,12 @@ from pepper_driver.observer.detection.threshold import (
     SPREAD_QUANTILE,
     SpreadState,
     SpreadThreshold,
+    identified_thresholds,
     learn_spread,
-    spread_thresholds,
     step_threshold,
     threshold_factor,
 )
+from support.fusion import STICK_SLIP, fusion_model
 from support.observer import CYCLE
 
 FALSE_CONTACTS = 0.1
@@ -49,6 +52,8 @@ NORMAL_QUANTILE = 2.5758  # of the size of standard normal numbers, 0.99
 def made(
     *spreads: tuple[float, float, float],
     load_gain: float = 1e-9,
+    friction: float = 0.0,
+    settling_time: float = 0.0,
     false_contacts: float = FALSE_CONTACTS,
     trunk: bool = False,
 ) -> SpreadThreshold:
@@ -56,6 +61,8 @@ def made(
     return SpreadThreshold(
         np.array(spreads),
         np.full(len(spreads), load_gain),
+        np.full(len(spreads), friction),
+        np.full(len(spreads), settling_time),
         CYCLE,
         false_contacts=false_contacts,
         trunk=np.full(len(spreads), trunk),
@@ -72,6 +79,7 @@ def step_each(
                 target.spreads,
                 target.states,
                 target.factors,
+                target.smallest,
                 j,
                 float(speed[j]),
                 float(desired[j]),
@@ -233,15 +241,55 @@ def test_a_joint_that_turns_back_breaks_away_again() -> None:
         assert target.states["phase"][0] == (SLIDING if k > SETTLING_TICKS else BREAKAWAY)
 
 
+def identified(
+    *spread: float, load_gain: float = 1e-9, friction: float = 0.0, trunk: bool = False
+) -> FloatArray:
+    """Thresholds by phase of a model with these spreads."""
+    twin = replace(STICK_SLIP, load_gain=load_gain, friction=friction)
+    model = fusion_model(twin, spread=spread)
+    return identified_thresholds(model, FALSE_CONTACTS, trunk=trunk)
+
+
 def test_thresholds_of_all_phases_by_hand() -> None:
-    found = spread_thresholds((0.01, 0.03, 0.02), 1e-9, FALSE_CONTACTS)
-    np.testing.assert_allclose(
-        found, [FACTOR * 0.01, FACTOR * 0.03, SLIDING_FACTOR * 0.02], rtol=1e-4
-    )
-    np.testing.assert_allclose(spread_thresholds((1e-5,) * 3, 0.25, FALSE_CONTACTS), 0.02)
+    by_hand = np.array([FACTOR * 0.01, FACTOR * 0.03, SLIDING_FACTOR * 0.02])
+    np.testing.assert_allclose(identified(0.01, 0.03, 0.02), by_hand, rtol=1e-4)
+    np.testing.assert_allclose(identified(1e-5, 1e-5, 1e-5, load_gain=0.25), 0.02)
     # Weight on a joint of the trunk sways: its tail is long while it slides, too.
-    found = spread_thresholds((0.01, 0.03, 0.02), 1e-9, FALSE_CONTACTS, trunk=True)
+    found = identified(0.01, 0.03, 0.02, trunk=True)
     np.testing.assert_allclose(found, FACTOR * np.array([0.01, 0.03, 0.02]), rtol=1e-4)
+    # Friction can let go of a joint that slides, and hold it again.
+    np.testing.assert_allclose(
+        identified(0.01, 0.03, 0.02, friction=0.1), [*by_hand[:2], 0.07], rtol=1e-4
+    )
+
+
+@pytest.mark.parametrize("trunk", [False, True])
+def test_a_joint_that_slides_may_be_off_by_its_friction(trunk: bool) -> None:
+    target = made((0.01,) * 3, friction=0.2, trunk=trunk)
+    held = HELD_FACTOR * FACTOR * 0.01
+    for _ in range(SETTLING_TICKS):
+        assert step(target, 1.0)[0] == pytest.approx(held, rel=1e-4)
+    for _ in range(10):
+        assert step(target, 1.0)[0] == pytest.approx(FRICTION_RATIO * 0.2)
+    assert target.bounds[0] == pytest.approx(FRICTION_RATIO * 0.2)
+
+
+@pytest.mark.parametrize(
+    ("settling_time", "ticks"),
+    [
+        (0.0, SETTLING_TICKS),
+        (SETTLING_TICKS * CYCLE, SETTLING_TICKS),
+        (50 * CYCLE, 50),
+        (math.inf, RESTED),
+    ],
+)
+def test_a_joint_that_swings_settles_later(settling_time: float, ticks: int) -> None:
+    target = made((0.01, 0.03, 0.02), settling_time=settling_time)
+    for _ in range(ticks):
+        step(target, 1.0)
+        assert target.states["phase"][0] == BREAKAWAY
+    step(target, 1.0)
+    assert target.states["phase"][0] == SLIDING
 
 
 def test_joints_of_the_trunk_keep_the_long_tail_while_they_slide() -> None:
@@ -250,6 +298,8 @@ def test_joints_of_the_trunk_keep_the_long_tail_while_they_slide() -> None:
     mixed = SpreadThreshold(
         np.full((2, 3), 0.02),
         np.full(2, 1e-9),
+        np.zeros(2),
+        np.zeros(2),
         CYCLE,
         false_contacts=FALSE_CONTACTS,
         trunk=np.array([True, False]),

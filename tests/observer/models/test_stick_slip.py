@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 from pepper_driver.config import PepperError
 from pepper_driver.config.arrays import FloatArray
@@ -347,6 +348,27 @@ def test_parameters_that_make_no_joint_are_refused(changes: dict[str, float], me
 
 def test_stiffness_is_the_torque_per_angle() -> None:
     assert STICK_SLIP.stiffness == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize("integral_rate", [0.0, 0.4, 4.0])
+@pytest.mark.parametrize("lag", [0.01, 0.02])
+def test_after_its_settling_time_a_swing_has_a_twentieth_of_its_size(
+    lag: float, integral_rate: float
+) -> None:
+    p = replace(SMOOTH, inertia=2e-3, lag=lag, integral_rate=integral_rate)
+    # Of position, velocity and integral, with the target at 0.
+    stiff = 1.0 / p.inertia
+    rates = np.array([[0.0, 1.0, 0.0], [-stiff, -stiff * lag, stiff], [-integral_rate, 0.0, 0.0]])
+    frequencies, motions = np.linalg.eig(rates)
+    swing_alone = motions[:, frequencies.imag > 0.0][:, 0]
+    settled = expm(rates * p.settling_time) @ swing_alone
+    assert np.linalg.norm(settled) == pytest.approx(0.05 * np.linalg.norm(swing_alone))
+
+
+def test_settling_time_of_joints_that_do_not_swing_or_swing_for_ever() -> None:
+    assert replace(SMOOTH, inertia=1e-4, lag=0.05).settling_time == 0.0
+    assert replace(SMOOTH, inertia=0.0).settling_time == 0.0
+    assert replace(SMOOTH, inertia=2e-3, lag=0.01, integral_rate=6.0).settling_time == np.inf
 
 
 def test_a_limited_target_is_a_slower_command() -> None:

@@ -46,7 +46,7 @@ from pepper_driver.observer import (
     shipped,
 )
 from pepper_driver.observer.constants import CONFIRMING_RATIO, HELD_FACTOR
-from pepper_driver.observer.detection.threshold import REST, SLIDING, spread_thresholds
+from pepper_driver.observer.detection.threshold import REST, SLIDING, identified_thresholds
 from pepper_driver.observers import make_observer
 from support.evaluation import CYCLE, INDEX, JOINT, JOINTS, ROBOT, Script, contact, recording
 
@@ -162,9 +162,7 @@ def test_what_a_static_baseline_expects() -> None:
 def thresholds(phase: int) -> FloatArray:
     """Thresholds of joints alone in a phase of the motion, as identified."""
     false_contacts = load_observer_settings().false_contacts
-    return by_joint(
-        lambda m: float(spread_thresholds(m.spread, m.twin.load_gain, false_contacts)[phase])
-    )
+    return by_joint(lambda m: float(identified_thresholds(m, false_contacts)[phase]))
 
 
 def first_thresholds() -> FloatArray:
