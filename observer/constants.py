@@ -32,8 +32,7 @@ Growth of the variance of a load in an update, which forgets it within a minute 
 
 QUIET_RATIO = 0.5
 """Fraction of a threshold below which a residual is used for learning, and a touch is over; of the largest ratio of
-residual and threshold in a limb, below which the contact only shakes a joint; of its recent size, below which a current
-may have reversed: it passes zero then, and is smoothed."""
+residual and threshold in a limb, below which the contact only shakes a joint."""
 
 UNSURE_FACTOR = 2.0
 """By which something may be off that was identified: the spread of today; a threshold while the safety gate alters the
@@ -42,9 +41,6 @@ command, and in doubt; the current of a board against the output of its law."""
 HELD_FACTOR = 1.4
 """On the threshold of a joint that is to move, or was CORRECTION_TIME ago, and does not slide for SETTLING_TICKS; and
 on that of the base while joints move. Friction lets go of a joint sooner or later than its model."""
-
-FRICTION_RATIO = 0.7
-"""Smallest threshold of a joint while it slides, over its friction: in slow motion friction lets go and holds again."""
 
 CONFIRMING_RATIO = 0.55
 """On the thresholds of the limb that shows most, just after the base was pushed: one sign confirms the other."""
@@ -94,12 +90,18 @@ push, and for a current that shows no sign."""
 MAX_STRAY = np.radians(4.0)
 """[rad] Output of the law beyond which a board does not only follow another target: recorded ones are off by less."""
 
-# -- end and place ----------------------------------------------------------------------------------------------------
+REVERSAL_RATIO = 0.3
+"""Fraction of its recent size below which a current may have reversed: it passes zero then, and is smoothed."""
 
-STUCK_RATIO = 0.85
-"""Fraction of its peak below which a constant residual within the friction band is not a hand: the hand has left, and
+# -- friction ---------------------------------------------------------------------------------------------------------
+
+FRICTION_RATIO = 0.7
+"""Smallest threshold of a joint while it slides, over its friction: in slow motion friction lets go and holds again.
+Fraction of its peak below which a constant residual within the friction band is not a hand: the hand has left, and
 friction holds the joint away from its target. It is constant while it varies by less than the rest of itself, or of its
 threshold if that is larger."""
+
+# -- place ------------------------------------------------------------------------------------------------------------
 
 REPORT_DELAY = 0.1
 """[s] The base often detects a push on a limb first, and the limb detects it within this time."""

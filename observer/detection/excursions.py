@@ -12,7 +12,7 @@ from pepper_driver.config import ObserverSettings
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.contact_selector import Kind
 from pepper_driver.config.kernels import Matrix, kernel
-from pepper_driver.observer.constants import CORRECTION_TIME, STUCK_RATIO
+from pepper_driver.observer.constants import CORRECTION_TIME, FRICTION_RATIO
 from pepper_driver.observer.interface import JointState
 
 ONSET_LEVEL = 1.0 / 3.0
@@ -137,7 +137,7 @@ def _tolerance(residual: float, threshold: float) -> float:
 
     After a strong touch a joint may rest far beyond its threshold, and an integral still moves it a little.
     """
-    return (1.0 - STUCK_RATIO) * max(threshold, abs(residual))
+    return (1.0 - FRICTION_RATIO) * max(threshold, abs(residual))
 
 
 class JointMonitor:
@@ -152,10 +152,10 @@ class JointMonitor:
       ``rebound_window`` becomes a contact: a person holds the joint. In simulation four of five rebounds are shorter,
       and a missed touch is worse than a reported rebound.
     - BLIND: the residual is NaN. An excursion ends at once, and the next one is no rebound.
-    An excursion also ends when the residual is constant within the friction band, below STUCK_RATIO of its peak for
+    An excursion also ends when the residual is constant within the friction band, below FRICTION_RATIO of its peak for
     ``settling_time``, or for CORRECTION_TIME, if the observer can reset its model to the measured position. Until it
     has done so, for ``settling_time`` at most, the same residual begins nothing. Beyond the friction band a constant
-    residual is a hand. A rebound that is constant and below STUCK_RATIO of its peak is no contact, however long.
+    residual is a hand. A rebound that is constant and below FRICTION_RATIO of its peak is no contact, however long.
 
     Args:
         joint: Index of the joint.
@@ -297,7 +297,7 @@ class JointMonitor:
 
     @staticmethod
     def _fallen(current: Excursion, residual: float) -> bool:
-        return abs(residual) < STUCK_RATIO * current.peak
+        return abs(residual) < FRICTION_RATIO * current.peak
 
     def reset(self) -> None:
         """Forget everything."""

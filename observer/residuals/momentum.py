@@ -24,7 +24,7 @@ from pepper_driver.observer.constants import (
     MAX_STRAY,
     MIN_DRIVE,
     MIN_SPREAD,
-    QUIET_RATIO,
+    REVERSAL_RATIO,
     SETTLING_TICKS,
     SMOOTHING_TIME,
     UNSURE_FACTOR,
@@ -145,7 +145,7 @@ class CurrentChannel:
         by_current: True if the current shows the torque of the motor.
         answered: Sign of the output of the board's law that the current shows, 0 if it shows none.
         recent: Recent size of its torque / K [rad].
-        steady: Ticks for which it has not fallen to MIN_SPREAD or QUIET_RATIO of this size.
+        steady: Ticks for which it has not fallen to MIN_SPREAD or REVERSAL_RATIO of this size.
     """
 
     inertia: float
@@ -190,7 +190,7 @@ def current_residual(
     The current has no sign. It takes that of the torque that a free motion needs, which makes the residual smaller than
     the other sign would. A touch that reverses the torque of the motor would then be lost: where the current shows the
     output of the board's law, it takes the sign of this output. It can only reverse through zero: one that has not
-    fallen to MIN_SPREAD, or to QUIET_RATIO of its recent size, within SETTLING_TICKS drives the joint to another
+    fallen to MIN_SPREAD, or to REVERSAL_RATIO of its recent size, within SETTLING_TICKS drives the joint to another
     target than the command. A push that moves the base may reverse it between two samples, and to less. A board at the
     limit of its current cannot show an output beyond it: then the current need only be larger than without touch.
 
@@ -209,7 +209,7 @@ def current_residual(
     size, output = p.torque_per_ampere * current, drive - p.back_emf * velocity
     p.recent = max(size, p.recent * (1.0 - 1.0 / SETTLING_TICKS))
     min_size = MIN_DRIVE / UNSURE_FACTOR
-    p.steady = p.steady + 1 if size > max(QUIET_RATIO * p.recent, MIN_SPREAD) else 0
+    p.steady = p.steady + 1 if size > max(REVERSAL_RATIO * p.recent, MIN_SPREAD) else 0
     side, min_output = (1 if output > 0.0 else -1), (min_size if pushed else MIN_DRIVE)
     may_have_side = pushed or side == p.answered or p.steady <= SETTLING_TICKS
     follows = may_have_side and min_output < abs(output) < UNSURE_FACTOR * size

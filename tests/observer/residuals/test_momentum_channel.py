@@ -15,7 +15,7 @@ from pepper_driver.config.kernels import Records
 from pepper_driver.observer.constants import (
     MIN_DRIVE,
     MIN_SPREAD,
-    QUIET_RATIO,
+    REVERSAL_RATIO,
     SETTLING_TICKS,
     SMOOTHING_TIME,
     UNSURE_FACTOR,
@@ -148,7 +148,7 @@ def test_a_current_that_has_not_passed_zero_has_not_reversed(
     resistance, motor = side * 0.02 - CURRENT.offset, side * 0.025
     channels = channel()
     residual(channels, motor, drive=motor, resistance=resistance)
-    residual(channels, 0.9 * QUIET_RATIO * motor, drive=0.0, resistance=resistance)
+    residual(channels, 0.9 * REVERSAL_RATIO * motor, drive=0.0, resistance=resistance)
     if ticks:
         residual(channels, motor, drive=motor, resistance=resistance, ticks=ticks)
     found, given_motor = residual(channels, motor, drive=-motor, resistance=resistance)
