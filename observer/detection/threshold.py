@@ -256,7 +256,7 @@ class SpreadThreshold:
         self.factors = np.array(by_joint).T.copy()
         self.smallest = smallest_thresholds(load_gain, friction)
         self.rest_ticks = round(CORRECTION_TIME / cycle)
-        # A swing that hardly decays ends with the motion.
+        # The poles of a model that is a little wrong may not decay at all.
         settling = np.rint(np.minimum(settling_time, CORRECTION_TIME) / cycle)
         self._settling_ticks = np.maximum(settling, SETTLING_TICKS).astype(np.int64)
         self.reset()
