@@ -1,7 +1,8 @@
 """Yielding, swinging back and retreat of an arm that is pushed: plant by plant.
 
 The left arm stands in POSTURE, where it has arrived moving as it is then pushed ("arrived the other way": moving
-against it, so that the friction of its gears holds twice over); the observer, with models of the nominal (or integral)
+against it, so that the friction of its gears holds twice over; "attentive": arms and head are kept just moving, after
+both arrivals); the observer, with models of the nominal (or integral)
 plant, has seen half a minute of free motion. All forces act at POINT, sideways and square to the forearm. Comply: 10 N
 for 1.5 s; measured is the way of that point, from the true joint angles, and how often the velocity of a joint that
 gave way turns round after the release, in runs of several seeds, for it hangs on where the joint happens to stand then.
@@ -64,7 +65,12 @@ def observer(plant: str) -> ContactObserver:
 
 @contextmanager
 def ready(
-    plant: str, reflexes: list[Reflex], seed: int, *, against: bool = False
+    plant: str,
+    reflexes: list[Reflex],
+    seed: int,
+    *,
+    against: bool = False,
+    attentive: bool = False,
 ) -> Iterator[Pepper]:
     """A robot in POSTURE, whose observer knows it."""
     uri = f"mujoco://?plant={plant}&seed={seed}"
@@ -84,6 +90,8 @@ def ready(
         for posture in (arrival, home):
             pepper.set_posture(posture, duration=1.5)
             pepper.run(3.0)
+        pepper.attentive = attentive
+        pepper.run(3.0)
         yield pepper
 
 
@@ -106,12 +114,18 @@ def sideways(truth: Truth) -> FloatArray:
 
 
 def comply(
-    plant: str, gain: float | None, then: Then, seed: int, *, against: bool = False
+    plant: str,
+    gain: float | None,
+    then: Then,
+    seed: int,
+    *,
+    against: bool = False,
+    attentive: bool = False,
 ) -> dict[str, Any]:
     """One push: way after a second and at most [m], reversals after it."""
     reflexes: list[Reflex] = [] if gain is None else [Comply(gain=gain, then=then)]
     rows: list[FloatArray] = []
-    with ready(plant, reflexes, seed, against=against) as pepper:
+    with ready(plant, reflexes, seed, against=against, attentive=attentive) as pepper:
         start, truth = pepper.time, pepper.backend.truth
         pepper.push(LINK, FORCE * sideways(truth), POINT, PUSH_TIME, rise=0.05)
         pepper.run(
@@ -170,6 +184,10 @@ def measure(plant: str, seeds: Sequence[int]) -> dict[str, Any]:
     return {
         **once,
         "against": comply(plant, 1.0, "resume", seed, against=True),
+        "attentive": [
+            comply(plant, 1.0, "resume", seed, against=against, attentive=True)
+            for against in (False, True)
+        ],
         "retract": retract(plant, seed),
         "reversals": {
             case: [once[case]["reversals"]]
@@ -177,6 +195,11 @@ def measure(plant: str, seeds: Sequence[int]) -> dict[str, Any]:
             for case, (gain, then) in TURNS.items()
         },
     }
+
+
+def millimetres(figure: dict[str, Any]) -> str:
+    """Way of one push after a second, for the table."""
+    return f"{figure['way_1s'] * 1e3:.0f}{'' if figure['detected'] else ' (not detected)'}"
 
 
 def main() -> None:
@@ -203,6 +226,7 @@ def main() -> None:
         "half, mm",
         "free 1 s, mm",
         "arrived the other way, mm",
+        "attentive: so / the other way, mm",
         f"too many reversals in {len(options.seeds)} runs: without / returns / stays",
         "retract, N at detection / 0.5 s later",
     ):
@@ -214,8 +238,9 @@ def main() -> None:
             f"{passive * 1e3:.1f}",
             f"{figure['stiff']['way'] / passive:.2f}",
             f"{figure['half']['way'] * 1e3:.1f}",
-            f"{figure['returns']['way_1s'] * 1e3:.0f}",
-            f"{figure['against']['way_1s'] * 1e3:.0f}",
+            millimetres(figure["returns"]),
+            millimetres(figure["against"]),
+            " / ".join(map(millimetres, figure["attentive"])),
             " / ".join(
                 str(sum(count > ALLOWED[case] for count in counts))
                 for case, counts in figure["reversals"].items()
