@@ -2,11 +2,11 @@
 
 The left arm stands in POSTURE, where it has arrived moving as it is then pushed ("arrived the other way": moving
 against it, so that the friction of its gears holds twice over; "attentive": arms and head are kept just moving, after
-both arrivals); the observer, with models of the nominal (or integral)
-plant, has seen half a minute of free motion. All forces act at POINT, sideways and square to the forearm. Comply: 10 N
-for 1.5 s; measured is the way of that point, from the true joint angles, and how often the velocity of a joint that
-gave way turns round after the release, in runs of several seeds, for it hangs on where the joint happens to stand then.
-Retract: a springy hand takes hold and pulls; measured is its force.
+both arrivals). The observer, with models of the nominal (or integral) plant, has seen half a minute of free motion. All
+forces act at POINT, sideways and square to the forearm. Comply: 10 N for 1.5 s; measured is the way of that point, from
+the true joint angles, and how often the velocity of a joint that gave way turns round after the release, in runs of
+several seeds, for it hangs on where the joint happens to stand then. Retract: a springy hand takes hold and pulls;
+measured is its force.
 Run: python benchmarks/reflexes.py --json reflexes.json
 """
 

@@ -18,6 +18,7 @@ from pepper_driver.config.robot import TRUNK
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
     CORRECTION_TIME,
+    FRICTION_RATIO,
     HELD_FACTOR,
     MIN_SPREAD,
     PUSH_TICKS,
@@ -26,6 +27,7 @@ from pepper_driver.observer.constants import (
     UNSURE_FACTOR,
 )
 from pepper_driver.observer.contact_observer import ContactObserver
+from pepper_driver.observer.detection.threshold import BREAKAWAY, REST, SLIDING
 from pepper_driver.observer.interface import (
     MIN_OBSERVED_STIFFNESS,
     Contact,
@@ -557,6 +559,22 @@ def test_the_threshold_is_that_of_the_phase_of_the_motion() -> None:
     np.testing.assert_allclose(np.unique(np.round(found, 12)), levels)
     assert np.mean(np.abs(found - expected) > 1e-9) < 0.04
     np.testing.assert_allclose([one.threshold[HEAD] for one in observations], 0.01)
+
+
+def test_a_joint_with_much_friction_that_swings_slides_later_and_with_a_wider_threshold() -> None:
+    """Settling time of 40 ticks, ln(20) 2 J / d; a friction beyond all other thresholds."""
+    settling = 40
+    lag = 2e-3 * math.log(20.0) / (settling * CYCLE)
+    parameters = replace(STICK_SLIP, inertia=1e-3, lag=lag, friction=0.06, breakaway=1.0)
+    motion = swing(4.0, size=0.5, rate=1.0)
+    generator, phases, thresholds = fusion_generator(fusion_model(parameters)), [], []
+    for one in ticks_of(motion, drive(motion, parameters)):
+        thresholds.append(generator.step(one).threshold[ELBOW])
+        phases.append(int(generator.phase[ELBOW]))
+    slides = phases.index(SLIDING)
+    assert phases[slides - settling - 1] == REST
+    assert set(phases[slides - settling : slides]) == {BREAKAWAY}
+    assert thresholds[slides] == pytest.approx(FRICTION_RATIO * parameters.friction)
 
 
 def test_a_joint_with_larger_residuals_today_gets_a_wider_threshold() -> None:
