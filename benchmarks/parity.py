@@ -1,8 +1,8 @@
 """Plays the same example or experiment in several worlds, and compares the results.
 
 The worlds: sim, the unpaced simulation; paced, the simulation in real time, with the loop thread; stand-in, the same
-simulated robot over the stand-in NAOqi and real qi. Each file of examples/ and examples/experiments/ is played as it
-stands: only robot and pace are forced (parity_side.py).
+simulated robot over the stand-in NAOqi and real qi. Each file of examples/ and examples/experiments/ that runs on a
+real robot is played as it stands: only robot and pace are forced (parity_side.py).
 
 Compared with the first world are results of the facade's calls; pushes and steps; contacts by limb and order, with
 onsets that count from the push or step before, by the robot's clock; reflexes, touch sensors, faults and cues in their
@@ -38,10 +38,13 @@ Played = Mapping[str, Any]
 
 ROOT = Path(__file__).resolve().parents[1]
 SIDE = Path(__file__).resolve().with_name("parity_side.py")
+SIMULATED_ONLY = {"drag_the_arm.py"}
+"""Programs that need what only a simulated robot has: a hand that leads it."""
 PROGRAMS = {
-    path.stem: path
+    path.name: path
     for pattern in ("examples/*.py", "examples/experiments/*.yaml")
     for path in sorted(ROOT.glob(pattern))
+    if path.name not in SIMULATED_ONLY
 }
 WORLDS = ("sim", "paced", "stand-in")
 MAX_ONSET_DIFFERENCE = 0.1  # [s]
@@ -257,7 +260,7 @@ def arguments() -> argparse.Namespace:
         "--only",
         action="append",
         metavar="NAME",
-        help="an example or experiment, without .py or .yaml; may be repeated (default: all)",
+        help="an example or experiment, such as feel_a_push.py; may be repeated (default: all)",
     )
     parser.add_argument(
         "--worlds",

@@ -21,7 +21,7 @@ from support.stand_ins import PATIENT, patient_driver
 SCRIPT = ROOT / "benchmarks" / "parity.py"
 PARITY = runpy.run_path(str(SCRIPT))
 SIDE = runpy.run_path(str(SCRIPT.with_name("parity_side.py")))
-SHORT = ("feel_a_push", "retract")
+SHORT = ("feel_a_push.py", "retract.yaml")
 """An example and an experiment with a push and a reflex each."""
 
 
@@ -158,7 +158,9 @@ def changed(result: dict[str, Any], key: str, value: object) -> dict[str, Any]:
     ],
 )
 def test_what_differs_is_found(key: str, value: object, text: str) -> None:
-    (found,) = differences(simulated("feel_a_push"), changed(simulated("feel_a_push"), key, value))
+    (found,) = differences(
+        simulated("feel_a_push.py"), changed(simulated("feel_a_push.py"), key, value)
+    )
     assert (
         found.removeprefix("other: ")
         .removeprefix("run 0: ")
@@ -167,7 +169,7 @@ def test_what_differs_is_found(key: str, value: object, text: str) -> None:
 
 
 def test_what_noise_decides_is_no_difference() -> None:
-    first = simulated("feel_a_push")
+    first = simulated("feel_a_push.py")
     for key, value in (
         ("onset", 0.09),
         ("onset", -0.09),
@@ -179,15 +181,15 @@ def test_what_noise_decides_is_no_difference() -> None:
 
 
 def test_a_machine_that_was_too_slow_is_named() -> None:
-    first = simulated("feel_a_push")
+    first = simulated("feel_a_push.py")
     assert PARITY["overload"](first) == ""
     for key, value in (("missed", 30), ("max_age", 0.2), ("error", "SlowLinkError: 40 ms")):
         assert "too slow" in PARITY["overload"](changed(first, key, value))
 
 
 def test_a_process_of_its_own_gives_the_same_bits() -> None:
-    path = PARITY["PROGRAMS"]["feel_a_push"]
-    assert PARITY["play"](path, "sim") == simulated("feel_a_push")
+    path = PARITY["PROGRAMS"]["feel_a_push.py"]
+    assert PARITY["play"](path, "sim") == simulated("feel_a_push.py")
 
 
 @pytest.mark.parametrize(("change", "code"), [(0.0, 0), (0.2, 1)])
@@ -198,21 +200,21 @@ def test_the_exit_code_says_if_it_is_the_same(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    first = simulated("feel_a_push")
+    first = simulated("feel_a_push.py")
     other = changed(first, "onset", change)
     results = {"sim": first, "paced": other}
     main, file = PARITY["main"], tmp_path / "results.json"
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setitem(main.__globals__, "play", lambda _, world: results[world])
-    arguments = ["--only", "feel_a_push", "--worlds", "sim,paced", "--json", str(file)]
+    arguments = ["--only", "feel_a_push.py", "--worlds", "sim,paced", "--json", str(file)]
     monkeypatch.setattr(sys, "argv", [str(SCRIPT), *arguments])
     assert main() == code
     shown, document = capsys.readouterr().out, json.loads(file.read_text())
     later = re.search(r"begins 0\.\d{3} s", shown) is not None
-    assert ("feel_a_push: same" in shown, later) == (code == 0, code == 1)
+    assert ("feel_a_push.py: same" in shown, later) == (code == 0, code == 1)
     assert "what differs by nature" in shown
     assert document["same"] == (code == 0)
-    assert document["programs"]["feel_a_push"]["worlds"] == [first, other]
+    assert document["programs"]["feel_a_push.py"]["worlds"] == [first, other]
 
 
 def test_the_documentation_has_the_same_table() -> None:
@@ -224,7 +226,7 @@ def test_the_documentation_has_the_same_table() -> None:
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        (["--only", "feel_a_pusch"], "feel_a_push"),
+        (["--only", "feel_a_pusch.py"], "feel_a_push.py"),
         (["--worlds", "sim,pace"], "paced"),
         (["--worlds", "sim"], "two"),
         (["--worlds", "sim,sim"], "two"),
