@@ -38,7 +38,7 @@ from pepper_driver.observer.detection.threshold import (
     threshold_factor,
 )
 from support.fusion import STICK_SLIP, fusion_model
-from support.observer import CYCLE
+from support.observer import CYCLE, NORMAL_QUANTILE
 
 FALSE_CONTACTS = 0.1
 FACTOR = 1.0 + 0.37 * math.log(50_000.0)
@@ -46,7 +46,6 @@ SLIDING_FACTOR = 1.0 + 0.15 * math.log(50_000.0)
 MEMORY = PUSH_TICKS
 RESTED = round(CORRECTION_TIME / CYCLE)
 LN_100 = math.log(100.0)
-NORMAL_QUANTILE = 2.5758  # of the size of standard normal numbers, 0.99
 
 
 def made(

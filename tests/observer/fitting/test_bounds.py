@@ -1,14 +1,10 @@
 """The bound of a joint's residual, from free motion."""
 
-import math
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from pepper_driver.observer import ContactObserver
 from pepper_driver.observer.fitting.bounds import THRESHOLD_FACTOR, free_residual, free_threshold
-from support.observer import ROBOT, SETTINGS, SILENT, models, recording
+from support.observer import SILENT, recording
 
 JOINT, WINDOW, N = "LShoulderRoll", 11, 200
 STILL = np.zeros((N, 3))
@@ -38,12 +34,3 @@ def test_a_recording_without_a_whole_window_is_refused() -> None:
     assert np.isnan(free_residual(JOINT, short, SILENT, WINDOW)).all()
     with pytest.raises(ValueError, match=f"{JOINT}: no recording holds 11"):
         free_threshold(JOINT, [short], SILENT, WINDOW)
-
-
-def test_the_observer_takes_the_models_thresholds_unless_one_is_set() -> None:
-    own = {name: math.radians(0.5 + 0.1 * i) for i, name in enumerate(ROBOT.joint_names)}
-    set_of_models = replace(models(), threshold=own)
-    observer = ContactObserver(ROBOT, set_of_models, replace(SETTINGS, threshold=None))
-    assert "0.50 to 2.10 deg" in observer.describe()
-    fixed = ContactObserver(ROBOT, set_of_models, replace(SETTINGS, threshold=math.radians(2.5)))
-    assert "2.50 to 2.50 deg" in fixed.describe()
