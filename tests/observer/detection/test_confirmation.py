@@ -1,12 +1,15 @@
-"""A push on the base confirms one on a limb."""
+"""A push on the base confirms one on a limb: rules on their own, then in an observer."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import pytest
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.constants import CONFIRMING_RATIO, PUSH_TICKS
+from pepper_driver.observer.detection.confirmation import BaseConfirmation
 from pepper_driver.observer.interface import Contact
 from pepper_driver.observer.models.fusion_model import TAPS
 from pepper_driver.observer.residuals.fusion import FusionParts
@@ -20,7 +23,73 @@ BEFORE = TAPS + 2 * WINDOW  # ticks after which joints and base are judged
 ENDED = round(SETTINGS.merge_gap / ROBOT.cycle)  # ticks after which a contact is over
 
 
-# -- confirmation -----------------------------------------------------------------------------------------------------
+LIMBS = np.array([0, 0, 1, 1, 2, 2])
+YES = np.ones(len(LIMBS), dtype=np.bool_)
+QUIET, PUSHED = 0.5, -1.5
+"""Residuals of the base in units of its threshold."""
+
+
+def confirms(target: BaseConfirmation, residual: float, ticks: int = 1) -> list[bool]:
+    return [target.step(residual) for _ in range(ticks)]
+
+
+def test_a_push_confirms_for_twelve_ticks_and_is_remembered_as_long() -> None:
+    target = BaseConfirmation(LIMBS)
+    assert confirms(target, QUIET, 3) == [False] * 3
+    assert not target.pushed
+    found = []
+    for k in range(PUSH_TICKS + 3):
+        found.append((target.step(QUIET if k else PUSHED), target.pushed))
+    assert found == [(True, True)] * PUSH_TICKS + [(False, False)] * 3
+
+
+@pytest.mark.parametrize("value", [QUIET, math.nan])
+@pytest.mark.parametrize(("pause", "again"), [(PUSH_TICKS - 1, False), (PUSH_TICKS, True)])
+def test_a_push_soon_after_another_one_confirms_nothing(
+    value: float, pause: int, again: bool
+) -> None:
+    target = BaseConfirmation(LIMBS)
+    confirms(target, PUSHED, 2 * PUSH_TICKS)
+    assert confirms(target, value, pause) == [False] * pause
+    assert confirms(target, PUSHED, 2) == [again] * 2
+
+
+def test_a_push_while_the_robot_is_touched_confirms_nothing() -> None:
+    target = BaseConfirmation(LIMBS)
+    target.untouched = False
+    assert confirms(target, PUSHED, PUSH_TICKS) == [False] * PUSH_TICKS
+    target.reset()
+    assert confirms(target, PUSHED) == [True]
+
+
+def lowered(
+    residual: list[float], *, stale: int | None = None, blind: int | None = None
+) -> set[int]:
+    """Joints whose thresholds of 1 are lower; one joint has shown the same for long, one cannot be judged."""
+    fresh, cannot = YES.copy(), ~YES
+    if stale is not None:
+        fresh[stale] = False
+    if blind is not None:
+        cannot[blind] = True
+    threshold = np.ones(len(LIMBS))
+    BaseConfirmation(LIMBS).lower(threshold, np.array(residual), fresh, cannot)
+    assert set(threshold.tolist()) <= {1.0, CONFIRMING_RATIO}
+    return set(np.flatnonzero(threshold < 1.0).tolist())
+
+
+def test_the_limb_that_shows_most_has_lower_thresholds_whatever_the_trunk_shows() -> None:
+    assert lowered([0.9, -0.9, 0.1, 0.2, 0.0, -0.3]) == {4, 5}
+    assert lowered([0.9, -0.9, 0.1, -0.4, 0.0, -0.3]) == {2, 3}
+    assert lowered([0.9, -0.9, 0.0, 0.0, 0.0, 0.0]) == set()
+
+
+def test_joints_that_have_shown_it_for_long_or_are_blind_do_not_count() -> None:
+    assert lowered([0.0, 0.0, 0.1, 0.2, 0.0, 0.3], stale=5) == {2, 3}
+    assert lowered([0.0, 0.0, 0.1, 0.2, 0.0, 0.3], stale=4) == {5}
+    assert lowered([0.0, 0.0, 0.1, 0.2, 0.0, math.nan], blind=5) == {2, 3}
+
+
+# -- in the observer --------------------------------------------------------------------------------------------------
 
 
 def thresholds(pushes: list[bool], *, parts: FusionParts | None = None) -> FloatArray:
