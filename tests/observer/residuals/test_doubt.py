@@ -7,10 +7,12 @@ import math
 import numpy as np
 import pytest
 
+from pepper_driver.config.kernels import make_records
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import SETTLING_TICKS, UNSURE_FACTOR
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.interface import Contact, JointState
+from pepper_driver.observer.residuals.doubt import DoubtState, raise_threshold, step_doubt
 from pepper_driver.observer.residuals.fusion import FusionParts
 from support.fusion import (
     BOUND,
@@ -28,6 +30,88 @@ from support.fusion import (
     ticks_of,
 )
 from support.observer import CYCLE, SETTINGS, run
+
+THRESHOLD = 0.02
+
+
+class Joint:
+    """Ticks of one joint, with residuals in units of its threshold."""
+
+    def __init__(self) -> None:
+        self.doubts = make_records(DoubtState, 1)
+
+    def play(
+        self,
+        ticks: int,
+        model: float,
+        residual: float = 0.0,
+        *,
+        moving: bool = False,
+        blind: bool = False,
+    ) -> bool:
+        """True if it is doubtful in the last of some ticks, with these residuals by the model and of both channels."""
+        for _ in range(ticks):
+            doubtful = step_doubt(
+                self.doubts, 0, model * THRESHOLD, residual * THRESHOLD, THRESHOLD, moving, blind
+            )
+        return doubtful
+
+    @property
+    def factor(self) -> float:
+        return raise_threshold(self.doubts, 0, THRESHOLD) / THRESHOLD
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(
+    ("model", "factor", "doubtful"),
+    [(0.49, 1.0, False), (0.51, 2.0, False), (0.99, 2.0, False), (1.01, 2.0, True)],
+)
+def test_half_a_threshold_raises_it_and_a_whole_one_is_doubt(
+    side: float, model: float, factor: float, doubtful: bool
+) -> None:
+    joint = Joint()
+    assert not joint.play(SETTLING_TICKS - 1, side * model)
+    assert joint.factor == 1.0
+    assert joint.play(1, side * model) == doubtful
+    assert joint.factor == factor
+
+
+@pytest.mark.parametrize(("residual", "doubtful"), [(0.49, True), (-0.49, True), (0.51, False)])
+def test_an_error_that_the_current_bears_out_is_no_doubt(residual: float, doubtful: bool) -> None:
+    joint = Joint()
+    assert joint.play(2 * SETTLING_TICKS, 1.5, residual) == doubtful
+    assert joint.doubts["loud_ticks"][0] == (0 if doubtful else 2 * SETTLING_TICKS)
+
+
+@pytest.mark.parametrize("why", ["moving", "blind"])
+def test_the_wait_begins_when_a_joint_comes_to_rest_and_can_be_judged(why: str) -> None:
+    joint = Joint()
+    joint.play(SETTLING_TICKS - 1, 1.5)
+    joint.play(1, 1.5, **{why: True})
+    assert not joint.play(SETTLING_TICKS - 1, 1.5)
+    assert joint.play(1, 1.5)
+
+
+def test_a_threshold_stays_raised_until_less_than_half_of_the_error_is_left() -> None:
+    joint = Joint()
+    joint.play(SETTLING_TICKS, 1.5)
+    assert not joint.play(100, 0.51, moving=True)
+    assert joint.factor == 2.0
+    joint.play(1, 0.49, moving=True)
+    assert joint.factor == 1.0
+
+
+def test_a_joint_that_was_blind_has_a_raised_threshold_while_it_settles() -> None:
+    joint = Joint()
+    joint.play(1, 0.0, blind=True)
+    factors = []
+    for _ in range(SETTLING_TICKS + 2):
+        factors.append(joint.factor)
+        joint.play(1, 0.0)
+    assert factors == [2.0] * SETTLING_TICKS + [1.0] * 2
+
+
+# -- in the observer --------------------------------------------------------------------------------------------------
 
 
 def states(target: ContactObserver, ticks: list[Tick]) -> tuple[list[JointState], list[Contact]]:
