@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
+from pepper_driver.observer.residuals.channels import follow_hand
 from pepper_driver.observer.residuals.fusion import FusionGenerator, FusionParts
 from support.examples import examples
 from support.fusion import (
@@ -68,6 +69,24 @@ def test_it_is_the_smaller_of_both_and_nothing_where_their_signs_differ(
     np.testing.assert_allclose(np.abs(both), expected, rtol=0.0, atol=1e-100)
     agree = np.abs(both) > 1e-100
     np.testing.assert_array_equal(np.sign(both[agree]), np.sign(model[agree]))
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_hand_is_followed_until_half_of_a_threshold_is_left(side: float) -> None:
+    hands = np.zeros(1, dtype=np.int64)
+
+    def followed(residual: float, by_current: float) -> float:
+        """In units of the threshold."""
+        size = side * BOUND
+        return follow_hand(hands, 0, residual * size, by_current * size, BOUND) / size
+
+    assert followed(0.99, 1.5) == pytest.approx(0.99)
+    for ends in (0.49, -0.6):
+        assert followed(1.01, 1.5) == pytest.approx(1.5)
+        assert followed(0.0, 0.51) == pytest.approx(0.51)
+        assert followed(0.0, ends) == 0.0
+        # The next one begins beyond the threshold.
+        assert followed(0.2, 0.9) == pytest.approx(0.2)
 
 
 def test_while_a_hand_holds_the_current_alone_shows_it() -> None:
