@@ -253,6 +253,9 @@ def test_thresholds_of_all_phases_by_hand() -> None:
     by_hand = np.array([FACTOR * 0.01, FACTOR * 0.03, SLIDING_FACTOR * 0.02])
     np.testing.assert_allclose(identified(0.01, 0.03, 0.02), by_hand, rtol=1e-4)
     np.testing.assert_allclose(identified(1e-5, 1e-5, 1e-5, load_gain=0.25), 0.02)
+    # No spread is below 0.1 degrees, about a step of the encoder.
+    step_of_encoder = math.radians(0.1) * np.array([FACTOR, FACTOR, SLIDING_FACTOR])
+    np.testing.assert_allclose(identified(1e-5, 1e-5, 1e-5), step_of_encoder, rtol=1e-4)
     # Weight on a joint of the trunk sways: its tail is long while it slides, too.
     found = identified(0.01, 0.03, 0.02, trunk=True)
     np.testing.assert_allclose(found, FACTOR * np.array([0.01, 0.03, 0.02]), rtol=1e-4)

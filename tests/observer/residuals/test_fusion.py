@@ -37,8 +37,10 @@ from pepper_driver.observer.residuals.prediction import MAX_LATE_TICKS
 from support.examples import examples
 from support.fusion import (
     BOUND,
+    BY_MODEL,
     ELBOW,
     MODEL,
+    NO_JOINT,
     STICK_SLIP,
     Driven,
     Motion,
@@ -323,6 +325,23 @@ def test_a_joint_that_friction_holds_away_from_its_target_is_released(torque: fl
     assert any(9.0 < time < 9.3 for time in pushes)
 
 
+def test_a_model_is_put_where_its_joint_rests_once_it_does() -> None:
+    """A hand lets go; the joint moves for 0.12 s, and stays where friction holds it."""
+    motion = standing(2.5)
+    position = np.interp(np.arange(len(motion)), [60, 70, 100, 110], [0.0, 0.13, 0.13, 0.05])
+    made = ticks_of(motion, Driven(position=position, motor=-position))
+    rough = fusion_model(replace(STICK_SLIP, friction=0.06, breakaway=1.2))
+    signal, expected = fusion_generator(rough, parts=BY_MODEL), []
+    for k, one in enumerate(made):
+        seen = signal.step(one)
+        expected.append(float(seen.expected[ELBOW]))
+        settled = NO_JOINT.copy()
+        settled[ELBOW] = k == 103
+        signal.learn(seen, NO_JOINT, settled, False)
+    np.testing.assert_allclose(expected[:111], 0.0, atol=1e-3)
+    np.testing.assert_allclose(expected[103 + SETTLING_TICKS :], -0.05, atol=1e-3)
+
+
 @pytest.mark.parametrize("torque", [4.0, -4.0])
 def test_letting_go_is_no_contact_of_its_own(torque: float) -> None:
     rough = replace(STICK_SLIP, friction=0.03, breakaway=1.2)
@@ -535,6 +554,28 @@ def test_the_threshold_is_that_of_the_phase_of_the_motion() -> None:
     np.testing.assert_allclose(np.unique(np.round(found, 12)), levels)
     assert np.mean(np.abs(found - expected) > 1e-9) < 0.04
     np.testing.assert_allclose([one.threshold[HEAD] for one in observations], 0.01)
+
+
+def test_a_pushed_joint_keeps_its_threshold_while_it_turns() -> None:
+    """It is touched while it slides, where its threshold is low; then it turns, and would have to break away."""
+    spread = (*spread_of(0.05)[:2], spread_of(0.01)[2])
+    model = fusion_model(spread=spread)
+    motion = swing(6.0)
+    push = push_profile(len(motion), 2.1, 1.3, 5.0)
+    free, pushed = (
+        run(
+            fusion_observer(model, parts=FusionParts(limbs=False)),
+            ticks_of(motion, drive(motion, torque=torque)),
+        )[0]
+        for torque in (0.0, push)
+    )
+    state = of_elbow(pushed, "state")
+    touching = np.flatnonzero(state == JointState.CONTACT)
+    within = slice(touching[0], touching[-1] + 1)
+    assert (state[within] == JointState.CONTACT).all()
+    assert (touching[-1] - touching[0]) * CYCLE > 1.0
+    np.testing.assert_allclose(of_elbow(pushed, "threshold")[within], 0.01)
+    assert of_elbow(free, "threshold")[within].max() > 0.04
 
 
 def test_a_joint_with_much_friction_that_swings_slides_later_and_with_a_wider_threshold() -> None:

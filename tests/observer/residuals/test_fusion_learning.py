@@ -10,10 +10,20 @@ import pytest
 
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
-from pepper_driver.observer.constants import BIAS_TIME, HELD_FACTOR
+from pepper_driver.observer.constants import (
+    BIAS_TIME,
+    CORRECTION_TIME,
+    HELD_FACTOR,
+    MIN_SPREAD,
+    UNSURE_FACTOR,
+)
+from pepper_driver.observer.interface import Residuals
 from pepper_driver.observer.residuals.fusion import FusionParts
 from support.fusion import (
     ALL_JOINTS,
+    BOUND,
+    BY_CURRENT,
+    BY_MODEL,
     ELBOW,
     NO_JOINT,
     STICK_SLIP,
@@ -29,8 +39,9 @@ from support.fusion import (
     standing,
     swing,
     ticks_of,
+    touched,
 )
-from support.observer import CYCLE, ROBOT, run
+from support.observer import CYCLE, ROBOT, SETTINGS, run
 
 HEAD = ROBOT.joint_index("HeadYaw")
 
@@ -64,25 +75,32 @@ def learnt(
     return np.array(found)
 
 
-def test_bias_follows_a_load_that_was_not_identified_while_nothing_touches() -> None:
+CHANNELS = pytest.mark.parametrize(
+    "parts", [FusionParts(), BY_MODEL, BY_CURRENT], ids=["both", "model", "current"]
+)
+
+
+@CHANNELS
+def test_bias_follows_a_load_that_was_not_identified_while_nothing_touches(
+    parts: FusionParts,
+) -> None:
     made = biased(12.0)
     last = slice(round(8.0 / CYCLE), None)
-    fixed = learnt(made, FusionParts(bias=False))[last].mean()
+    fixed = learnt(made, replace(parts, bias=False))[last].mean()
     assert fixed > 0.5 * HEAVIER.offset
-    assert learnt(made)[last].mean() < 0.7 * fixed
+    assert learnt(made, parts)[last].mean() < 0.7 * fixed
     for kept in (
-        learnt(made, adapt=False),
-        learnt(made, untouched=False),
-        learnt(made, free=False),
+        learnt(made, parts, adapt=False),
+        learnt(made, parts, untouched=False),
+        learnt(made, parts, free=False),
     ):
         assert kept[last].mean() == pytest.approx(fixed, rel=0.05)
 
 
-def test_bias_has_its_time_constant() -> None:
+@CHANNELS
+def test_bias_has_its_time_constant_in_both_channels(parts: FusionParts) -> None:
     made = biased(33.0)
-    followed, fixed = (
-        learnt(made, FusionParts(current=False, bias=bias)) for bias in (True, False)
-    )
+    followed, fixed = (learnt(made, replace(parts, bias=bias)) for bias in (True, False))
     for at in (15.0, 30.0):
         around = slice(round((at - 2.0) / CYCLE), round((at + 2.0) / CYCLE))
         left = followed[around].mean() / fixed[around].mean()
@@ -122,7 +140,55 @@ def test_thresholds_learn_nothing_while_something_touches_the_robot() -> None:
         signal.learn(made, free, NO_JOINT, False)
 
 
+def test_no_spread_falls_below_a_step_of_the_encoder() -> None:
+    """It was identified just above it, and there is no residual at all for a minute."""
+    model = fusion_model(spread=(1.05 * MIN_SPREAD,) * 3)
+    seen = play(fusion_generator(model, adapt=True), [touched(0)] * 5000)
+    identified = seen[0].threshold[ELBOW]
+    assert seen[-1].threshold[ELBOW] == pytest.approx(identified / 1.05, rel=1e-9)
+
+
 # -- models at rest ---------------------------------------------------------------------------------------------------
+
+
+def resting(
+    ratio: float, seconds: float, *, limited: bool = False, parts: FusionParts | None = None
+) -> list[Residuals]:
+    """A joint that rests off its place by so much of its threshold, both channels show it, and nothing touches it."""
+    before, after = touched(0), touched(0, LElbowRoll=ratio)
+    for one in (before, after):
+        one.limited[ELBOW] = limited
+    generator = fusion_generator(adapt=parts is None, parts=parts or FusionParts())
+    made = [before] * 30 + [after] * round(seconds / CYCLE)
+    return play(generator, made)[30 + SETTINGS.fusion_window // 2 :]
+
+
+def test_a_model_at_rest_follows_with_the_time_of_correction() -> None:
+    residual = np.array([one.residual[ELBOW] for one in resting(0.45, 4.0, parts=BY_MODEL)])
+    assert residual[0] == pytest.approx(0.45 * BOUND, rel=0.02)
+    time = np.arange(len(residual)) * CYCLE
+    np.testing.assert_allclose(
+        residual, residual[0] * np.exp(-time / CORRECTION_TIME), atol=0.02 * residual[0]
+    )
+
+
+@pytest.mark.parametrize(
+    ("ratio", "limited", "learns"),
+    [(0.45, False, True), (0.55, False, False), (0.45, True, False)],
+    ids=["less than half", "more than half", "altered by the gate"],
+)
+def test_models_learn_from_small_residuals_of_commands_that_were_sent(
+    ratio: float, limited: bool, learns: bool
+) -> None:
+    """More than half of a threshold may be a hand; an altered command is not what the model knows."""
+    seen = resting(ratio, 3.0, limited=limited)
+    left = seen[-1].residual[ELBOW] / (ratio * BOUND)
+    assert left < 0.2 if learns else left == pytest.approx(1.0, rel=1e-9)
+    if limited:  # nor do spreads
+        assert seen[-1].threshold[ELBOW] == pytest.approx(UNSURE_FACTOR * BOUND, rel=1e-12)
+
+
+# -- touches ----------------------------------------------------------------------------------------------------------
 
 
 def test_a_push_is_not_learned() -> None:
