@@ -1,3 +1,5 @@
+"""The observer from ticks to events: rules of mode ``paper``, and those that all modes share."""
+
 from __future__ import annotations
 
 import math

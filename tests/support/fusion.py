@@ -102,7 +102,7 @@ def still_base(
     phases = [still if spread is None else spread for spread in (still, moving, shaking, driving)]
     at_rest, in_motion, shaken, driven = map(six, phases)
     return BaseModel(
-        coefficients=((0.0,) * len(OUTPUTS),) * (TAPS * 6),
+        coefficients=(six(0.0),) * (TAPS * 6),
         still=at_rest,
         moving=in_motion,
         shaking=shaken,

@@ -133,7 +133,7 @@ def same(one: Observation, other: Observation) -> bool:
     )
 
 
-def measured(weight: float | None = 0.5, **joints: MeasuredJoint) -> MeasuredRobot:
+def measured(**joints: MeasuredJoint) -> MeasuredRobot:
     """Facts about a robot: these of its joints, and a link without errors."""
     return MeasuredRobot(
         reported_delay=3,
@@ -141,7 +141,7 @@ def measured(weight: float | None = 0.5, **joints: MeasuredJoint) -> MeasuredRob
         delay_spread=(0.0, 0.0),
         late=0.0,
         lost=0.0,
-        weight=weight,
+        weight=0.5,
         joints=joints,
     )
 

@@ -527,7 +527,7 @@ def test_a_hand_that_pushes_harder_and_harder_makes_no_collision() -> None:
 
 
 def kinds(events: list[Contact]) -> list[tuple[int, str, str]]:
-    """Of the events in which the kind is another than before."""
+    """Events in which the kind is another than before."""
     told: list[tuple[int, str, str]] = []
     for event in events:
         if not told or (event.id, event.kind) != (told[-1][0], told[-1][2]):

@@ -1,3 +1,5 @@
+"""Predicted tracking errors of a whole run, without its measurements."""
+
 from __future__ import annotations
 
 from dataclasses import replace
