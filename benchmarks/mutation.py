@@ -120,9 +120,47 @@ SUBJECTS = (
         (("observer/detection/excursions.py", ()),),
         (
             "tests/observer/detection/test_excursions.py",
-            "tests/observer/detection/test_onset.py",
             "tests/observer/test_contact_observer.py",
         ),
+    ),
+    Subject(
+        "threshold",
+        (("observer/detection/threshold.py", ()),),
+        (
+            "tests/observer/detection/test_threshold.py",
+            "tests/observer/residuals/test_fusion_learning.py",
+            "tests/observer/residuals/test_hand_loads.py",
+        ),
+    ),
+    Subject(
+        "doubt",
+        (("observer/residuals/doubt.py", ()),),
+        ("tests/observer/residuals/test_doubt.py",),
+    ),
+    Subject(
+        "channels",
+        (("observer/residuals/channels.py", ()),),
+        (
+            "tests/observer/residuals/test_channels.py",
+            "tests/observer/residuals/test_fusion_learning.py",
+            "tests/observer/residuals/test_fusion_faults.py",
+            "tests/observer/residuals/test_fusion.py",
+        ),
+    ),
+    Subject(
+        "confirmation",
+        (("observer/detection/confirmation.py", ()),),
+        ("tests/observer/detection/test_confirmation.py",),
+    ),
+    Subject(
+        "body isolation",
+        (("observer/detection/body_isolation.py", ()),),
+        ("tests/observer/detection/test_body_isolation.py",),
+    ),
+    Subject(
+        "plug-ins",
+        (("pepper_driver/safety/plugins.py", ()),),
+        (SAFETY + "test_plugin_check.py",),
     ),
 )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,8 +12,7 @@ from pepper_driver.controller import RobotModel
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.detection.contact_force import ContactForce, ForceEstimator
-from pepper_driver.observer.interface import Contact
-from pepper_driver.observer.models.measured_robot import MeasuredJoint, MeasuredRobot
+from pepper_driver.observer.models.measured_robot import MeasuredJoint
 from support.fusion import (
     MODEL,
     drive,
@@ -24,7 +22,7 @@ from support.fusion import (
     standing,
     ticks_of,
 )
-from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS, models, tick
+from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS, measured, models, run, tick
 
 ARM = ("LShoulderPitch", "LShoulderRoll", "LElbowYaw", "LElbowRoll")
 FORCE, POINT = np.array([-6.0, 21.0, -18.0]), np.array([0.06, 0.0, 0.0])
@@ -62,12 +60,8 @@ def pushed_hand() -> list[Tick]:
     return ticks
 
 
-def events_of(target: ContactObserver, ticks: Sequence[Tick]) -> list[Contact]:
-    return [event for tick in ticks for event in target.step(tick).contacts]
-
-
 def test_a_push_on_the_hand_has_its_force_and_place_until_the_end() -> None:
-    events = events_of(fusion_observer(), pushed_hand())
+    events = run(fusion_observer(), pushed_hand())[1]
     assert (events[0].phase, events[-1].phase) == ("begin", "end")
     assert {event.id for event in events} == {1}
     for event in events:
@@ -96,7 +90,7 @@ def test_a_push_on_the_hand_has_its_force_and_place_until_the_end() -> None:
 
 def test_a_torque_that_no_force_explains_leaves_the_size_open() -> None:
     """The elbow alone: what touches the hand turns the shoulder too."""
-    events = events_of(fusion_observer(), pushed())
+    events = run(fusion_observer(), pushed())[1]
     held = [event for event in events if event.time < 2.4][-1]
     assert held.force_interval is not None
     assert held.force_interval[1] > 4.0 * held.force_interval[0]
@@ -105,18 +99,10 @@ def test_a_torque_that_no_force_explains_leaves_the_size_open() -> None:
 
 def test_a_weight_makes_the_scale_of_all_joints_known() -> None:
     joints = {name: MeasuredJoint(torque_scale=1.25) for name in ROBOT.joint_names}
-    facts = MeasuredRobot(
-        reported_delay=3,
-        delay_error=0,
-        delay_spread=(0.0, 0.0),
-        late=0.0,
-        lost=0.0,
-        weight=0.5,
-        joints=joints,
-    )
+    facts = measured(**joints)
     ticks = pushed()
     known = ContactObserver(ROBOT, replace(fusion_set(), measured=facts), SETTINGS)
-    events = events_of(known, ticks)
+    events = run(known, ticks)[1]
     assert {event.scale_known for event in events} == {True}
     assert "unknown" not in events[0].force_text
 
@@ -124,14 +110,14 @@ def test_a_weight_makes_the_scale_of_all_joints_known() -> None:
 def test_a_force_that_was_forgotten_with_a_reset_ends_no_later_contact() -> None:
     ticks = pushed()
     target = fusion_observer()
-    first = events_of(target, ticks)
+    first = run(target, ticks)[1]
     target.reset()
-    assert events_of(target, ticks) == first
+    assert run(target, ticks)[1] == first
 
 
 @pytest.mark.parametrize("joint", ["HipPitch", "KneePitch"])
 def test_contacts_on_the_trunk_have_no_force(joint: str) -> None:
-    events = events_of(fusion_observer(), pushed(joint))
+    events = run(fusion_observer(), pushed(joint))[1]
     assert events
     for event in events:
         assert event.limb == "trunk"
@@ -142,7 +128,7 @@ def test_contacts_on_the_trunk_have_no_force(joint: str) -> None:
 def test_too_few_joints_with_models_have_no_force() -> None:
     ticks = pushed()
     target = ContactObserver(ROBOT, fusion_set({"LElbowRoll": MODEL}), SETTINGS)
-    events = events_of(target, ticks)
+    events = run(target, ticks)[1]
     assert events
     assert {event.force for event in events} == {None}
 
@@ -151,11 +137,11 @@ def test_other_modes_know_no_forces() -> None:
     errors = np.zeros(JOINTS)
     errors[ROBOT.joint_index("LElbowRoll")] = -0.1
     ticks = [tick(k, errors if k > 30 else 0.0) for k in range(90)]
-    events = events_of(ContactObserver(ROBOT, models(), SETTINGS), ticks)
+    events = run(ContactObserver(ROBOT, models(), SETTINGS), ticks)[1]
     assert events
     assert {event.force for event in events} == {None}
     momentum = ContactObserver(ROBOT, fusion_set(), SETTINGS, momentum=True)
-    assert {event.force for event in events_of(momentum, pushed_hand())} == {None}
+    assert {event.force for event in run(momentum, pushed_hand())[1]} == {None}
 
 
 def test_the_force_takes_no_time_while_nothing_touches(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -170,7 +156,7 @@ def test_the_force_takes_no_time_while_nothing_touches(monkeypatch: pytest.Monke
     monkeypatch.setattr(ForceEstimator, "estimate", counted)
     target = fusion_observer()
     ticks = pushed()
-    events = events_of(target, ticks)
+    events = run(target, ticks)[1]
     assert len(asked) >= sum(event.phase != "end" for event in events)
     assert len(asked) < 2.0 / SETTINGS.update_period + 6
     assert round(1.0 / CYCLE) > 4 * len(asked)

@@ -13,8 +13,15 @@ from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.contact_observer import ContactObserver, ObserverParts
 from pepper_driver.observer.detection.body_isolation import BASE_LINK, TRUNK_LINK
 from pepper_driver.observer.detection.threshold import phase_factors
-from pepper_driver.observer.interface import Contact, Residuals
-from pepper_driver.observer.models.fusion_model import BaseModel, FusionModel, MomentumParameters
+from pepper_driver.observer.interface import Contact, Observation, Residuals
+from pepper_driver.observer.models.fusion_model import (
+    OUTPUTS,
+    TAPS,
+    BaseModel,
+    FusionModel,
+    MomentumParameters,
+    Six,
+)
 from pepper_driver.observer.models.model_file import ModelSet
 from pepper_driver.observer.models.stick_slip import StickSlipParameters
 from pepper_driver.observer.recording import Recording
@@ -28,6 +35,8 @@ TORQUE_CONSTANT = (
     ROBOT.motors.of("LElbowRoll").torque_constant * ROBOT.motors.joints["LElbowRoll"].ratio
 )
 ENCODER = 2 * np.pi / 4096
+MATRIX: FloatArray = np.asarray(ROBOT.wheels.matrix)
+"""(3, 3) from the twist of the base to wheel speeds."""
 
 STICK_SLIP = StickSlipParameters(
     inertia=4e-4,
@@ -69,6 +78,36 @@ def fusion_model(parameters: StickSlipParameters = STICK_SLIP, **changes: Any) -
 
 
 MODEL = fusion_model()
+VOLTAGE = MomentumParameters(
+    source="voltage", torque_per_ampere=0.0, inertia=STICK_SLIP.inertia, lag=0.02, offset=0.0
+)
+"""Of a joint whose current does not show its torque."""
+
+BY_MODEL, BY_CURRENT = FusionParts(current=False), FusionParts(model=False)
+"""Residual of one channel alone."""
+
+ALL_JOINTS, NO_JOINT = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
+
+
+def six(values: object) -> Six:
+    """One number, or six, for the outputs of the base."""
+    a, b, c, d, e, f = np.broadcast_to(np.asarray(values, dtype=np.float64), len(OUTPUTS)).tolist()
+    return a, b, c, d, e, f
+
+
+def still_base(
+    still: object, moving: object = None, shaking: object = None, driving: object = None
+) -> BaseModel:
+    """A model that expects a base that does not move, with these spreads; by default that of a base at rest."""
+    phases = [still if spread is None else spread for spread in (still, moving, shaking, driving)]
+    at_rest, in_motion, shaken, driven = map(six, phases)
+    return BaseModel(
+        coefficients=(six(0.0),) * (TAPS * 6),
+        still=at_rest,
+        moving=in_motion,
+        shaking=shaken,
+        driving=driven,
+    )
 
 
 def fusion_set(
@@ -110,7 +149,7 @@ def fusion_generator(
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """What one joint shall do; arrays (n,) by tick."""
+    """Command of one joint; arrays (n,) by tick."""
 
     position: FloatArray
     velocity: FloatArray
@@ -153,7 +192,7 @@ def standing(seconds: float, load: float = 0.0) -> Motion:
 
 @dataclass(frozen=True, kw_only=True)
 class Driven:
-    """What the joint did; arrays (n,) by tick."""
+    """Answer of the joint; arrays (n,) by tick."""
 
     position: FloatArray
     motor: FloatArray
@@ -302,6 +341,15 @@ def ticks_of(
     return made
 
 
+def strayed(motion: Motion, offset: FloatArray | float) -> list[Tick]:
+    """Ticks of a joint whose board follows another target than the command, off by (n,) [rad]."""
+    other = replace(motion, position=motion.position + offset)
+    ticks = ticks_of(other, drive(other, start=float(other.position[0])))
+    for one, position in zip(ticks, motion.position, strict=True):
+        one.sent.position[ELBOW] = one.reference.position[ELBOW] = position
+    return ticks
+
+
 def recording_of(motion: Motion, driven: Driven, joint: int = ELBOW) -> Recording:
     """The same as a recording."""
     n = len(motion)
@@ -336,12 +384,33 @@ def recording_of(motion: Motion, driven: Driven, joint: int = ELBOW) -> Recordin
 
 def play(signal: FusionGenerator, ticks: Sequence[Tick]) -> list[Residuals]:
     """Signals of a robot that nothing touches."""
-    free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
     signals = []
     for one in ticks:
         signals.append(signal.step(one))
-        signal.learn(signals[-1], free, nothing, True)
+        signal.learn(signals[-1], ALL_JOINTS, NO_JOINT, True)
     return signals
+
+
+def touched(index: int, *, base: float = 0.0, **ratios: float) -> Tick:
+    """A tick in which hands push joints off their commands, and their motors against that.
+
+    Args:
+        index: Of the tick.
+        base: Speed that its wheels show [m/s].
+        **ratios: By joint, its error over BOUND.
+    """
+    error = np.zeros(JOINTS)
+    for name, ratio in ratios.items():
+        error[ROBOT.joint_index(name)] = ratio * BOUND
+    one = tick(index, error)
+    one.measurement.current[:] = np.abs(error) / PER_AMPERE
+    one.measurement.wheel_speed[:] = MATRIX @ np.array([base, 0.0, 0.0])
+    return one
+
+
+def of_elbow(observations: Sequence[Observation], name: str) -> FloatArray:
+    """One value of all observations, of the elbow."""
+    return np.array([getattr(one, name)[ELBOW] for one in observations])
 
 
 def push_profile(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,8 @@ from pepper_driver.backends.fields import Command, Imu, Measurement
 from pepper_driver.config import ObserverSettings, load_robot
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller.tick import Reference, Tick
-from pepper_driver.observer.interface import Contact
+from pepper_driver.observer.interface import Contact, Observation, Observer
+from pepper_driver.observer.models.measured_robot import MeasuredJoint, MeasuredRobot
 from pepper_driver.observer.models.model_file import JointModel, ModelKind, ModelSet
 from pepper_driver.observer.models.tree import AffineTree, CartTree
 from pepper_driver.observer.recording import Recording
@@ -33,6 +35,12 @@ SETTINGS = ObserverSettings(
     rebound_window=0.35,
     update_period=0.12,
 )
+
+NORMAL_QUANTILE = 2.5758
+"""Quantile 0.99 of the size of standard normal numbers."""
+
+MEDIAN_STD = 0.536
+"""Standard deviation of the median of five standard normal numbers."""
 
 SILENT = CartTree(feature=(-1,), threshold=(0.0,), left=(-1,), right=(-1,), value=(0.0,))
 """Expects no tracking error: the residual is the tracking error."""
@@ -91,6 +99,50 @@ def tick(
         ),
         sent=Command(position=sent, stiffness=np.ones(JOINTS), wheel_speed=np.zeros(3)),
         limited=mask,
+    )
+
+
+def imu(value: float) -> Imu:
+    """An inertial unit that shows one value in all of its axes."""
+    return Imu(
+        acceleration=np.full(3, value),
+        angular_velocity=np.full(3, value),
+        attitude=np.full(3, value),
+    )
+
+
+def spoilt(one: Tick, part: str, name: str, value: float, joint: int) -> Tick:
+    """The same tick with another value of one joint; the first one keeps its own."""
+    array = getattr(getattr(one, part), name).copy()
+    array[joint] = value
+    changes: dict[str, Any] = {part: replace(getattr(one, part), **{name: array})}
+    return replace(one, **changes)
+
+
+def run(target: Observer, made: Sequence[Tick]) -> tuple[list[Observation], list[Contact]]:
+    """Observations of all ticks, and their events."""
+    observations = [target.step(one) for one in made]
+    return observations, [event for one in observations for event in one.contacts]
+
+
+def same(one: Observation, other: Observation) -> bool:
+    """True if two observations have the same events and the same bits."""
+    return one.contacts == other.contacts and all(
+        np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True)
+        for name in ("expected", "residual", "threshold", "torque", "torque_std", "state")
+    )
+
+
+def measured(**joints: MeasuredJoint) -> MeasuredRobot:
+    """Facts about a robot: these of its joints, and a link without errors."""
+    return MeasuredRobot(
+        reported_delay=3,
+        delay_error=0,
+        delay_spread=(0.0, 0.0),
+        late=0.0,
+        lost=0.0,
+        weight=0.5,
+        joints=joints,
     )
 
 

@@ -1,4 +1,4 @@
-"""Which part of the body a contact is on, over residuals made by hand."""
+"""The part of the body that a contact is on, and its life, over residuals made by hand."""
 
 from __future__ import annotations
 
@@ -82,6 +82,7 @@ class Player:
     def __init__(self, forces: ForceEstimator = NO_FORCES) -> None:
         self.k = 0
         self.drives = False
+        self.torque_known = True
         self.states = [JointState.BLIND] * JOINTS
         self.settled = [False] * JOINTS
         self.tracker = BodyTracker(
@@ -99,7 +100,7 @@ class Player:
             raw=residual,
             residual=residual,
             threshold=np.where(np.isnan(ratio), np.nan, THRESHOLDS),
-            torque=-10.0 * residual,
+            torque=-10.0 * residual if self.torque_known else np.full(JOINTS, math.nan),
             torque_std=np.where(np.isnan(ratio), np.nan, 0.1),
             friction_band=np.zeros(JOINTS),
             blind=np.isnan(ratio),
@@ -238,11 +239,26 @@ def test_after_the_last_revision_it_stays() -> None:
 
 def test_a_revision_may_move_inwards_when_the_first_blow_is_forgotten() -> None:
     player = Player()
-    assert story(player.play(1, LShoulderRoll=3.0, LWristYaw=2.0)) == [(1, "begin", "LWristYaw")]
-    events = player.play(LAST, LShoulderRoll=6.0, LWristYaw=1.1)
-    if LAST > PUSH_TICKS:
-        assert events[-1].joint == "LShoulderRoll"
-    assert {event.id for event in events} == {1}
+    assert story(player.play(1, LShoulderRoll=3.0, LWristYaw=4.0)) == [(1, "begin", "LWristYaw")]
+    # More than half of the largest ratio, until the last revision.
+    events = player.play(LAST - 1, LShoulderRoll=6.0, LWristYaw=1.1)
+    assert {event.joint for event in events} == {"LWristYaw"}
+    events = player.play(1, LShoulderRoll=6.0, LWristYaw=1.1)
+    assert story(events) == [(1, "update", "LShoulderRoll")]
+
+
+@pytest.mark.parametrize(
+    ("ago", "joint"), [(PUSH_TICKS - 1, "LWristYaw"), (PUSH_TICKS, "LShoulderRoll")]
+)
+def test_the_largest_ratios_of_the_last_twelve_ticks_count(ago: int, joint: str) -> None:
+    """So long before the last revision the wrist was hit."""
+    player = Player()
+    events = player.play(LAST - ago, LShoulderRoll=6.0, LWristYaw=1.1)
+    events += player.play(1, LShoulderRoll=6.0, LWristYaw=4.0)
+    events += player.play(ago, LShoulderRoll=6.0, LWristYaw=1.1)
+    assert player.k == LAST + 1
+    assert [event.joint for event in events][:2] == ["LShoulderRoll", "LWristYaw"]
+    assert events[-1].joint == joint
 
 
 def test_a_joint_that_goes_blind_loses_the_contact() -> None:
@@ -466,6 +482,16 @@ def test_updates_come_when_intensity_or_torque_have_changed() -> None:
     assert less.intensity_deg == grown.intensity_deg
 
 
+def test_an_update_comes_when_a_torque_becomes_known_and_when_it_is_lost() -> None:
+    player = Player()
+    player.play(round(0.5 / CYCLE), LElbowRoll=2.0)
+    for known in (False, True):
+        player.torque_known = known
+        [update] = player.play(2 * PERIOD, LElbowRoll=2.0)
+        assert update.phase == "update"
+        assert (update.torque is not None) == known
+
+
 def test_updates_of_a_contact_that_grows_are_a_period_apart() -> None:
     player, events = Player(), []
     for k in range(3 * PERIOD):
@@ -501,7 +527,7 @@ def test_a_hand_that_pushes_harder_and_harder_makes_no_collision() -> None:
 
 
 def kinds(events: list[Contact]) -> list[tuple[int, str, str]]:
-    """Of the events in which the kind is another than before."""
+    """Events in which the kind is another than before."""
     told: list[tuple[int, str, str]] = []
     for event in events:
         if not told or (event.id, event.kind) != (told[-1][0], told[-1][2]):
@@ -541,20 +567,38 @@ def test_a_long_touch_is_no_tap() -> None:
     assert (events[-1].phase, events[-1].kind) == ("end", "push")
 
 
-def test_a_hand_that_pulls_after_it_pushed_grips() -> None:
+@pytest.mark.parametrize(("pause", "kind"), [(0.36, "grip"), (0.48, "grip"), (0.56, "contact")])
+def test_a_hand_that_pulls_soon_after_it_pushed_grips(pause: float, kind: str) -> None:
+    """Within half a second."""
     player = Player()
-    events = player.play(ticks(0.6), LElbowRoll=2.0) + player.play(ticks(0.36))
+    events = player.play(ticks(0.6), LElbowRoll=2.0) + player.play(ticks(pause))
     events += player.play(ticks(0.6), LElbowRoll=-2.0) + player.play(QUIET)
     begins = [(e.id, e.kind) for e in events if e.phase == "begin"]
-    assert begins == [(1, "contact"), (2, "grip")]
-    assert events[-1].kind == "grip"
+    assert begins == [(1, "contact"), (2, kind)]
+    assert events[-1].kind == ("grip" if kind == "grip" else "push")
 
 
-def test_a_push_the_same_way_is_no_grip() -> None:
+@pytest.mark.parametrize(
+    ("seconds", "joint", "ratio"),
+    [(0.6, "LElbowRoll", 2.0), (0.6, "LShoulderRoll", -2.0), (0.1, "LElbowRoll", -2.0)],
+    ids=["the same way", "on another joint", "after a tap"],
+)
+def test_another_push_is_no_grip(seconds: float, joint: str, ratio: float) -> None:
     player = Player()
-    events = player.play(ticks(0.6), LElbowRoll=2.0) + player.play(ticks(0.36))
-    events += player.play(ticks(0.6), LElbowRoll=2.0) + player.play(QUIET)
+    events = player.play(ticks(seconds), LElbowRoll=2.0) + player.play(ticks(0.36))
+    events += player.play(ticks(0.6), **{joint: ratio}) + player.play(QUIET)
+    assert {event.id for event in events} == {1, 2}
     assert "grip" not in {event.kind for event in events}
+
+
+def test_a_base_that_swings_after_a_push_is_not_pushed_the_other_way() -> None:
+    player = Player()
+    events = player.play(ticks(0.2), base=3.0) + player.play(ticks(0.2), base=-3.0)
+    events += player.play(QUIET)
+    assert [(e.phase, e.kind) for e in events if e.kind != "push"] == [("begin", "contact")]
+    assert [(e.phase, e.kind) for e in events][-1] == ("end", "push")
+    assert {event.id for event in events} == {1}
+    assert events[-1].time == pytest.approx(2 * ticks(0.2) * CYCLE)
 
 
 def test_a_joint_that_swings_back_makes_a_rebound() -> None:

@@ -325,6 +325,20 @@ def test_the_joint_with_the_largest_torque_is_named_where_friction_hides_it(
     assert abs(fitted - torque[found.joint]) < 2.0 * fitted_std
 
 
+@pytest.mark.parametrize("joint", ["LShoulderRoll", "LElbowYaw"])
+def test_torques_that_no_force_explains_are_less_certain_than_they_seem(joint: str) -> None:
+    """One of them has the wrong sign: the size of the force is then known less well than without it."""
+    torque = torque_of("l_wrist", np.array([0.0, -60.0, 6.0]), BENT)
+    wrong = torque.copy()
+    wrong[ROBOT.joint_index(joint)] *= -1.0
+    spread = []
+    for given, usable in ((torque, without(joint)), (wrong, ALL)):
+        found = estimator().estimate("left_arm", given, np.full(N, 0.03), usable, BENT)
+        assert found is not None
+        spread.append(found.interval[1] / found.interval[0])
+    assert spread[1] > spread[0]
+
+
 def test_of_torques_that_no_force_explains_the_largest_names_the_joint() -> None:
     elbow = ROBOT.joint_index("LElbowRoll")
     torque = np.zeros(N)

@@ -6,7 +6,7 @@ import pytest
 from pepper_driver.config import PepperError, UnknownNameError
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.fitting.bounds import free_threshold
-from pepper_driver.observer.fitting.samples import in_working_range
+from pepper_driver.observer.fitting.samples import FALLING_TIME, SETTLING_TIME
 from pepper_driver.observer.fitting.tree import (
     LEAVES,
     SHRINKAGES,
@@ -17,7 +17,7 @@ from pepper_driver.observer.fitting.tree import (
     nrmse_fit,
 )
 from pepper_driver.observer.models.tree import AffineTree, CartTree, Tree
-from support.observer import ROBOT, free_error, free_run, motion, recording
+from support.observer import CYCLE, ROBOT, free_error, free_run, motion, recording
 
 JOINT = "LShoulderRoll"
 INDEX = ROBOT.joint_index(JOINT)
@@ -110,10 +110,10 @@ def test_a_joint_that_falls_behind_changes_neither_model_nor_threshold() -> None
         assert np.abs(error).max() < 0.15
         behind = error.copy()
         behind[400:450] = 0.6
-        chase = recording(features, behind)
-        keep = in_working_range(chase, INDEX)
+        keep = np.ones(len(error), dtype=np.bool_)
+        keep[400 - round(FALLING_TIME / CYCLE) : 450 + round(SETTLING_TIME / CYCLE)] = False
         clean.append(recording(features[keep], error[keep]))
-        chasing.append(chase)
+        chasing.append(recording(features, behind))
     model = fit_joint(JOINT, chasing, "affine")
     assert model == fit_joint(JOINT, clean, "affine")
     quiet = [recording(motion(3.0, 7, 15.0), free_error(motion(3.0, 7, 15.0), 7))]

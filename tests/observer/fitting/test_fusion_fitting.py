@@ -11,19 +11,19 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.observer.constants import MIN_SPREAD, SETTLING_TICKS
 from pepper_driver.observer.contact_observer import ContactObserver
 from pepper_driver.observer.detection.threshold import REST, SLIDING
-from pepper_driver.observer.fitting.bounds import MOMENTUM_FACTOR, fit_spreads, free_residual
+from pepper_driver.observer.fitting.bounds import fit_spreads, free_residual
 from pepper_driver.observer.fitting.fusion import FittedFusion, fit_fusion, fit_joint_fusion
 from pepper_driver.observer.fitting.stick_slip import START_UP_TIME
 from pepper_driver.observer.fitting.tree import FittingError
 from pepper_driver.observer.interface import JointState
-from pepper_driver.observer.models.fusion_model import FusionModel, MomentumParameters
+from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.model_file import predict_recording
 from pepper_driver.observer.recording import Recording
-from pepper_driver.observer.residuals.momentum import MomentumGenerator
 from support.fusion import (
     ELBOW,
     PER_AMPERE,
     STICK_SLIP,
+    VOLTAGE,
     drive,
     fusion_model,
     push_profile,
@@ -32,7 +32,7 @@ from support.fusion import (
     swing,
     ticks_of,
 )
-from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS, models
+from support.observer import CYCLE, MEDIAN_STD, NORMAL_QUANTILE, ROBOT, SETTINGS, models, recording
 
 JOINT, OTHER = "LElbowRoll", "RElbowRoll"
 WINDOW = SETTINGS.fusion_window
@@ -85,11 +85,8 @@ def test_it_predicts_a_motion_that_it_has_not_seen(found: FusionModel) -> None:
 
 # -- spreads ----------------------------------------------------------------------------------------------------------
 
-VOLTAGE = MomentumParameters(
-    source="voltage", torque_per_ampere=0.0, inertia=STICK_SLIP.inertia, lag=0.02, offset=0.0
-)
 BY_POSITION = fusion_model(momentum=VOLTAGE)
-MEDIAN_QUANTILE = 0.536 * 2.5758
+MEDIAN_QUANTILE = MEDIAN_STD * NORMAL_QUANTILE
 """Quantile 0.99 of the size of a median of five standard normal numbers."""
 
 
@@ -219,14 +216,17 @@ def test_a_joint_without_enough_samples_is_left_out(seconds: float) -> None:
 
 
 def test_the_bound_of_the_baseline_is_a_margin_over_its_largest_residual() -> None:
-    motion = swing(12.0, 0.5, 1.5)
-    run = recording_of(motion, drive(motion))
-    fitted = fit_spreads({JOINT: fusion_model()}, [run], window=WINDOW)[JOINT]
-    models = [fusion_model() if name == JOINT else None for name in run.joint_names]
-    signal = MomentumGenerator(models, CYCLE, np.full(JOINTS, np.inf), 11)
-    rows = np.array([abs(signal.step(tick).residual[ELBOW]) for tick in run.ticks()])
-    largest = rows[round(START_UP_TIME / CYCLE) :].max()
-    assert fitted.momentum_bound == pytest.approx(MOMENTUM_FACTOR * largest)
+    """A joint without friction or lag at rest: the residual is its error, less the constant load."""
+    begin, n = round(START_UP_TIME / CYCLE), 1500
+    error = np.full(n, 0.01)
+    error[: begin - 20] = 0.15  # while the robot starts up
+    error[700:720] = 0.042  # longer than half of the window of the baseline
+    error[900:904] = 0.1  # shorter: it does not pass the median
+    error[1100:1160] = 0.5  # here it falls behind
+    twin = replace(STICK_SLIP, inertia=1e-9, lag=0.0, friction=0.0, load_friction=0.0, offset=0.002)
+    run = recording(np.zeros((n, 3)), error)
+    fitted = fit_spreads({JOINT: fusion_model(twin)}, [run], window=WINDOW)[JOINT]
+    assert fitted.momentum_bound == pytest.approx(1.5 * 0.04, rel=1e-3)
 
 
 # -- all of it --------------------------------------------------------------------------------------------------------

@@ -1,3 +1,5 @@
+"""Values of the models of a joint that are refused."""
+
 from __future__ import annotations
 
 from typing import Any
@@ -12,10 +14,10 @@ from support.fusion import fusion_model
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"spread": (0.0, 0.001)}, "'spread' must be above 0"),
-        ({"spread": (0.001, -0.001)}, "'spread' must be above 0"),
-        ({"spread": (0.001, float("inf"))}, "not finite"),
-        ({"spread": (float("nan"), 0.001)}, "not finite"),
+        ({"spread": (0.0, 0.001, 0.001)}, "'spread' must be above 0"),
+        ({"spread": (0.001, 0.001, -0.001)}, "'spread' must be above 0"),
+        ({"spread": (0.001, float("inf"), 0.001)}, "not finite"),
+        ({"spread": (0.001, 0.001, float("nan"))}, "not finite"),
         ({"momentum_bound": 0.0}, "'momentum_bound' must be above 0"),
         ({"momentum_bound": float("nan")}, "'momentum_bound' must be above 0"),
     ],

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import Phase, given
 from hypothesis import strategies as st
 
-from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
@@ -32,17 +29,18 @@ from pepper_driver.observer.interface import (
     MIN_OBSERVED_STIFFNESS,
     Contact,
     JointState,
-    Observation,
 )
-from pepper_driver.observer.models.fusion_model import TAPS, BaseModel, MotorTorque
+from pepper_driver.observer.models.fusion_model import TAPS, MotorTorque
 from pepper_driver.observer.residuals.fusion import FusionParts
 from pepper_driver.observer.residuals.mobile_base import BaseGenerator
 from pepper_driver.observer.residuals.prediction import MAX_LATE_TICKS
 from support.examples import examples
 from support.fusion import (
     BOUND,
+    BY_MODEL,
     ELBOW,
     MODEL,
+    NO_JOINT,
     STICK_SLIP,
     Driven,
     Motion,
@@ -52,28 +50,21 @@ from support.fusion import (
     fusion_model,
     fusion_observer,
     fusion_set,
+    of_elbow,
     play,
     push_profile,
     spread_of,
     standing,
+    still_base,
     swing,
     ticks_of,
 )
-from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS, tick
+from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS, run, same, spoilt, tick
 
 WINDOW = SETTINGS.fusion_window
 STIFFNESS = STICK_SLIP.stiffness
 HEAD = ROBOT.joint_index("HeadYaw")
 QUIET = round((CORRECTION_TIME + 1.0) / CYCLE)
-
-
-def run(target: ContactObserver, made: Sequence[Tick]) -> tuple[list[Observation], list[Contact]]:
-    observations = [target.step(one) for one in made]
-    return observations, [event for one in observations for event in one.contacts]
-
-
-def of_elbow(observations: Sequence[Observation], name: str) -> FloatArray:
-    return np.array([getattr(one, name)[ELBOW] for one in observations])
 
 
 # -- free motion ----------------------------------------------------------------------------------------------------
@@ -260,15 +251,9 @@ def test_joints_that_carry_a_joint_that_falls_behind_are_blind_as_well(
 
 
 def test_a_base_that_carries_a_joint_that_falls_behind_is_not_judged() -> None:
-    spreads = (0.1,) * 6
-    model = BaseModel(
-        coefficients=((0.0,) * 6,) * (6 * TAPS),
-        still=spreads,
-        moving=spreads,
-        shaking=spreads,
-        driving=spreads,
+    base = BaseGenerator(
+        still_base(0.1), ROBOT, WINDOW, false_contacts=SETTINGS.false_contacts, adapt=False
     )
-    base = BaseGenerator(model, ROBOT, WINDOW, false_contacts=SETTINGS.false_contacts, adapt=False)
     seen = play(fusion_generator(LIMITED, base=base), fall_behind("LElbowYaw"))
     judged = np.isfinite([one.base_residual for one in seen])
     assert judged[50:60].all()
@@ -340,6 +325,23 @@ def test_a_joint_that_friction_holds_away_from_its_target_is_released(torque: fl
     assert any(9.0 < time < 9.3 for time in pushes)
 
 
+def test_a_model_is_put_where_its_joint_rests_once_it_does() -> None:
+    """A hand lets go; the joint moves for 0.12 s, and stays where friction holds it."""
+    motion = standing(2.5)
+    position = np.interp(np.arange(len(motion)), [60, 70, 100, 110], [0.0, 0.13, 0.13, 0.05])
+    made = ticks_of(motion, Driven(position=position, motor=-position))
+    rough = fusion_model(replace(STICK_SLIP, friction=0.06, breakaway=1.2))
+    signal, expected = fusion_generator(rough, parts=BY_MODEL), []
+    for k, one in enumerate(made):
+        seen = signal.step(one)
+        expected.append(float(seen.expected[ELBOW]))
+        settled = NO_JOINT.copy()
+        settled[ELBOW] = k == 103
+        signal.learn(seen, NO_JOINT, settled, False)
+    np.testing.assert_allclose(expected[:111], 0.0, atol=1e-3)
+    np.testing.assert_allclose(expected[103 + SETTLING_TICKS :], -0.05, atol=1e-3)
+
+
 @pytest.mark.parametrize("torque", [4.0, -4.0])
 def test_letting_go_is_no_contact_of_its_own(torque: float) -> None:
     rough = replace(STICK_SLIP, friction=0.03, breakaway=1.2)
@@ -372,13 +374,6 @@ def test_a_joint_released_in_motion_is_detected_again() -> None:
 # -- blindness ------------------------------------------------------------------------------------------------------
 
 
-def spoilt(one: Tick, part: str, name: str, value: float) -> Tick:
-    array = getattr(getattr(one, part), name).copy()
-    array[ELBOW] = value
-    changes: dict[str, Any] = {part: replace(getattr(one, part), **{name: array})}
-    return replace(one, **changes)
-
-
 BAD = [
     ("measurement", "position", math.nan),
     ("measurement", "position", math.inf),
@@ -402,7 +397,7 @@ def test_a_bad_tick_makes_its_joint_blind_for_a_window(part: str, name: str, val
     motion = swing(4.0)
     made = ticks_of(motion, drive(motion))
     bad = 150
-    made[bad] = spoilt(made[bad], part, name, value)
+    made[bad] = spoilt(made[bad], part, name, value, ELBOW)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         observations, events = run(fusion_observer(), made)
@@ -495,7 +490,7 @@ def test_a_joint_that_was_soft_may_rest_elsewhere_when_it_wakes() -> None:
 def test_a_contact_ends_when_its_joint_goes_blind() -> None:
     motion = standing(5.0)
     made = ticks_of(motion, drive(motion, torque=push_profile(len(motion), 1.0, 3.0, 6.0)))
-    made[200] = spoilt(made[200], "measurement", "position", math.nan)
+    made[200] = spoilt(made[200], "measurement", "position", math.nan, ELBOW)
     _, events = run(fusion_observer(), made)
     [end] = [event for event in events if event.id == 1 and event.phase == "end"]
     assert end.time == pytest.approx(200 * CYCLE)
@@ -561,6 +556,28 @@ def test_the_threshold_is_that_of_the_phase_of_the_motion() -> None:
     np.testing.assert_allclose([one.threshold[HEAD] for one in observations], 0.01)
 
 
+def test_a_pushed_joint_keeps_its_threshold_while_it_turns() -> None:
+    """It is touched while it slides, where its threshold is low; then it turns, and would have to break away."""
+    spread = (*spread_of(0.05)[:2], spread_of(0.01)[2])
+    model = fusion_model(spread=spread)
+    motion = swing(6.0)
+    push = push_profile(len(motion), 2.1, 1.3, 5.0)
+    free, pushed = (
+        run(
+            fusion_observer(model, parts=FusionParts(limbs=False)),
+            ticks_of(motion, drive(motion, torque=torque)),
+        )[0]
+        for torque in (0.0, push)
+    )
+    state = of_elbow(pushed, "state")
+    touching = np.flatnonzero(state == JointState.CONTACT)
+    within = slice(touching[0], touching[-1] + 1)
+    assert (state[within] == JointState.CONTACT).all()
+    assert (touching[-1] - touching[0]) * CYCLE > 1.0
+    np.testing.assert_allclose(of_elbow(pushed, "threshold")[within], 0.01)
+    assert of_elbow(free, "threshold")[within].max() > 0.04
+
+
 def test_a_joint_with_much_friction_that_swings_slides_later_and_with_a_wider_threshold() -> None:
     """Settling time of 40 ticks, ln(20) 2 J / d; a friction beyond all other thresholds."""
     settling = 40
@@ -577,91 +594,14 @@ def test_a_joint_with_much_friction_that_swings_slides_later_and_with_a_wider_th
     assert thresholds[slides] == pytest.approx(FRICTION_RATIO * parameters.friction)
 
 
-def test_a_joint_with_larger_residuals_today_gets_a_wider_threshold() -> None:
-    motion = swing(30.0, rate=1.5)
-    model = fusion_model(spread=spread_of(0.01))
-    model = replace(model, momentum=replace(model.momentum, source="voltage"))
-    driven = drive(motion)
-    noise = 0.006 * np.random.default_rng(2).standard_normal(len(motion))
-    rough = replace(driven, position=driven.position + noise)
-    signals = play(fusion_generator(model, adapt=True), ticks_of(motion, rough))
-    threshold = np.array([one.threshold for one in signals])
-    assert threshold[:, ELBOW].max() > 1.5 * HELD_FACTOR * 0.01
-    assert threshold[:, HEAD].max() == pytest.approx(0.01)
-    fixed = play(fusion_generator(model), ticks_of(motion, rough))
-    found = {round(float(one.threshold[ELBOW]), 9) for one in fixed}
-    assert found == {0.01, round(0.01 * HELD_FACTOR, 9)}
-
-
-def test_thresholds_learn_nothing_while_something_touches_the_robot() -> None:
-    """Even those of joints that do not detect it."""
-    motion = swing(10.0)
-    rough = drive(motion, replace(STICK_SLIP, friction=0.03), steps=20)
-    signal = fusion_generator(fusion_model(spread=spread_of(0.01)), adapt=True)
-    free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
-    free[HEAD] = False
-    for one in ticks_of(motion, rough):
-        made = signal.step(one)
-        assert round(float(made.threshold[ELBOW]), 9) in (0.01, round(0.01 * HELD_FACTOR, 9))
-        np.testing.assert_allclose(np.delete(made.threshold, ELBOW), 0.01)
-        signal.learn(made, free, nothing, False)
-
-
-# -- learning -------------------------------------------------------------------------------------------------------
-
-
-def test_a_push_is_not_learned() -> None:
-    """A hand that holds on for long must not become the load of the joint."""
-    motion = standing(40.0)
-    push = push_profile(len(motion), 10.0, 25.0, 9.0)
-    made = ticks_of(motion, drive(motion, torque=push))
-    observations, events = run(fusion_observer(adapt=True), made)
-    begins = [event for event in events if event.phase == "begin"]
-    assert [event.direction for event in begins] == [1]
-    [end] = [event for event in events if event.phase == "end"]
-    assert end.time == pytest.approx(35.0, abs=0.3)
-    estimate = of_elbow(observations, "torque")
-    assert estimate[round(33.0 / CYCLE)] == pytest.approx(9.0, abs=1.5)
-    fixed, _ = run(fusion_observer(), made)
-    assert estimate[round(33.0 / CYCLE)] == pytest.approx(
-        of_elbow(fixed, "torque")[round(33.0 / CYCLE)], abs=0.1
-    )
-
-
-def test_the_model_of_a_joint_at_rest_moves_to_where_it_rests() -> None:
-    """A target does not determine on which side of it friction holds the joint; the motor works against that."""
-    motion = standing(8.0)
-    crept = np.where(np.arange(len(motion)) < 100, 0.0, 0.007)
-    driven = Driven(position=crept, motor=-crept)
-    made = ticks_of(motion, driven)
-    residual = np.array([one.residual[ELBOW] for one in play(fusion_generator(), made)])
-    assert np.abs(residual).max() > 0.006
-    assert np.abs(residual[-1]) < 0.001
-    # A joint that is touched is not one of them.
-    touched = fusion_generator()
-    free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
-    free[ELBOW] = False
-    for one in made:
-        last = touched.step(one)
-        touched.learn(last, free, nothing, False)
-    assert abs(last.residual[ELBOW]) > 0.006
-
-
 # -- the whole ------------------------------------------------------------------------------------------------------
-
-
-def same(one: Observation, other: Observation) -> bool:
-    return one.contacts == other.contacts and all(
-        np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True)
-        for name in ("expected", "residual", "threshold", "torque", "torque_std", "state")
-    )
 
 
 def test_after_a_reset_everything_is_as_at_first() -> None:
     motion = swing(5.0)
     push = push_profile(len(motion), 1.0, 0.6, 9.0) + push_profile(len(motion), 3.0, 0.6, -9.0)
     made = ticks_of(motion, drive(motion, torque=push), limited=(40, 300))
-    made[200] = spoilt(made[200], "measurement", "position", math.nan)
+    made[200] = spoilt(made[200], "measurement", "position", math.nan, ELBOW)
     target = fusion_observer(adapt=True)
     first, events = run(target, made)
     assert events
@@ -758,9 +698,3 @@ def test_motion_is_judged_by_its_own_reference() -> None:
         one.reference.velocity[HEAD] = 0.2 / 40 / CYCLE * math.cos(k / 40)
     other, _ = run(fusion_observer(), made)
     np.testing.assert_array_equal(of_elbow(plain, "residual"), of_elbow(other, "residual"))
-
-
-def test_a_motion_has_as_many_samples_as_ticks() -> None:
-    motion = swing(1.0, rest=0.5)
-    assert isinstance(motion, Motion)
-    assert len(motion) == len(ticks_of(motion, drive(motion)))

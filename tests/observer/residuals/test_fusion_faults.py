@@ -8,38 +8,28 @@ import numpy as np
 import pytest
 
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import HELD_FACTOR
-from pepper_driver.observer.contact_observer import ContactObserver
-from pepper_driver.observer.interface import Contact, JointState
-from pepper_driver.observer.models.fusion_model import TAPS, BaseModel
+from pepper_driver.observer.interface import JointState
 from support.fusion import (
+    ALL_JOINTS,
     BOUND,
     ELBOW,
+    MATRIX,
+    NO_JOINT,
     STICK_SLIP,
     drive,
     fusion_generator,
     fusion_model,
     fusion_observer,
     standing,
+    still_base,
     swing,
     ticks_of,
 )
-from support.observer import CYCLE, JOINTS, ROBOT
+from support.observer import CYCLE, ROBOT, run
 
-MATRIX = np.asarray(ROBOT.wheels.matrix)
 SPREAD = 0.015
-STILL_BASE = BaseModel(
-    coefficients=((0.0,) * 6,) * (6 * TAPS),
-    still=(SPREAD,) * 6,
-    moving=(SPREAD,) * 6,
-    shaking=(SPREAD,) * 6,
-    driving=(SPREAD,) * 6,
-)
-
-
-def detect(observer: ContactObserver, made: list[Tick]) -> list[Contact]:
-    return [contact for one in made for contact in observer.step(one).contacts]
+STILL_BASE = still_base(SPREAD)
 
 
 @pytest.mark.parametrize("value", [1e6, 1e100, 1e160, -1e160, 1e307, 1.7e308, np.nan, -np.inf])
@@ -79,13 +69,12 @@ def test_a_board_keeps_what_it_has_summed_up_while_its_joint_cannot_be_judged() 
     motion = standing(8.0, load=4.0)
     made = ticks_of(motion, drive(motion, model.twin, start=0.0))
     signal = fusion_generator(model, adapt=True)
-    free, nothing = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)
     after = []
     for k, one in enumerate(made):
         lost = 3.0 <= k * CYCLE < 5.0
         measurement = replace(one.measurement, age=1.0) if lost else one.measurement
         seen = signal.step(replace(one, measurement=measurement))
-        signal.learn(seen, free, nothing, True)
+        signal.learn(seen, ALL_JOINTS, NO_JOINT, True)
         if k * CYCLE > 5.2:
             after.append(abs(float(seen.residual[ELBOW])))
     # A model that starts again does not know on which side friction holds: 0.3 deg. A sum of 0 would be off by 2.8 deg.
@@ -132,7 +121,7 @@ def test_a_long_push_on_the_base_does_not_make_it_deaf(adapt: bool) -> None:
             one.measurement.wheel_speed[:] = MATRIX @ np.array(
                 [6.0 * HELD_FACTOR * SPREAD, 0.0, 0.0]
             )
-    contacts = detect(fusion_observer(adapt=adapt, base=STILL_BASE), made)
+    _, contacts = run(fusion_observer(adapt=adapt, base=STILL_BASE), made)
     reported = [(c.phase, round(c.time)) for c in contacts if c.phase != "update"]
     assert reported == [("begin", 10), ("end", 20), ("begin", 25), ("end", 26)]
     assert {c.link for c in contacts} == {"base_link"}
@@ -149,7 +138,7 @@ def test_samples_that_come_late_do_not_break_up_a_push_on_the_base() -> None:
                 [6.0 * HELD_FACTOR * SPREAD, 0.0, 0.0]
             )
     assert late[round(2.0 / CYCLE) : round(4.0 / CYCLE)].sum() > 5
-    contacts = detect(fusion_observer(base=STILL_BASE), made)
+    _, contacts = run(fusion_observer(base=STILL_BASE), made)
     reported = [(c.phase, round(c.time, 1)) for c in contacts if c.phase != "update"]
     assert reported == [("begin", 2.1), ("end", 4.0)]
 
@@ -159,10 +148,7 @@ def test_a_push_that_grows_for_long_is_detected_in_the_end() -> None:
     motion = swing(30.0, rate=1.5)
     growth: FloatArray = np.power(1.25, np.arange(len(motion)) * CYCLE)  # 25 % a second
     made = ticks_of(motion, drive(motion, torque=-0.05 * growth, steps=20))
-    observer = fusion_observer(adapt=True)
-    contacts: list[Contact] = []
-    for one in made:
-        contacts += observer.step(one).contacts
+    _, contacts = run(fusion_observer(adapt=True), made)
     assert contacts
     assert contacts[0].joint == ROBOT.joint_names[ELBOW]
     assert contacts[0].direction == -1

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pepper_driver.backends.fields import Imu
 from pepper_driver.config import PepperError
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller.tick import Tick
@@ -31,7 +30,6 @@ from pepper_driver.observer.models.fusion_model import (
     UNSEEN_SPREAD,
     BaseModel,
     BaseModelError,
-    Six,
 )
 from pepper_driver.observer.recording import Recording, RecordingBuilder
 from pepper_driver.observer.residuals.mobile_base import (
@@ -42,13 +40,13 @@ from pepper_driver.observer.residuals.mobile_base import (
     STILL,
     BaseGenerator,
 )
-from support.observer import CYCLE, JOINTS, ROBOT, tick
+from support.fusion import MATRIX, six, still_base
+from support.observer import CYCLE, JOINTS, MEDIAN_STD, NORMAL_QUANTILE, ROBOT, imu, tick
 
 WINDOW = 5
 FALSE_CONTACTS = 0.1
 FACTOR = threshold_factor(FALSE_CONTACTS, TAIL)
 LEGS = [ROBOT.joint_index(name) for name in ROBOT.chains["legs"]]
-MATRIX = np.asarray(ROBOT.wheels.matrix)
 STARTED = TAPS + WINDOW  # ticks after which residuals are judged
 
 SETTLING = np.exp(-np.arange(TAPS - 1) * CYCLE / 0.04)
@@ -60,7 +58,6 @@ RECOIL = np.zeros((TAPS, 3))  # of vx, on each joint of the legs; ten times as l
 RECOIL[2:6] = [(0.01, -0.007, 0.0), (0.02, -0.01, 0.0), (-0.02, 0.01, 0.0), (-0.01, 0.007, 0.0)]
 NOISE = np.array([3e-4, 3e-4, 3e-4, 1e-3, 0.02, 0.02])
 LEAN = np.array([0.02, 0.3, -0.2])
-NORMAL_QUANTILE = 2.5758  # of the size of standard normal numbers, 0.99
 
 
 def filtered(values: FloatArray, response: FloatArray) -> FloatArray:
@@ -117,22 +114,11 @@ def recorded(made: Sequence[Tick]) -> Recording:
     return builder.finish()
 
 
-def six(values: object) -> Six:
-    a, b, c, d, e, f = np.broadcast_to(np.asarray(values, dtype=np.float64), 6).tolist()
-    return a, b, c, d, e, f
-
-
 def still_model(
     still: object, moving: object = 1e9, shaking: object = 1e9, driving: object = 1e9
 ) -> BaseModel:
-    """A model that expects a base that does not move, with these spreads."""
-    return BaseModel(
-        coefficients=((0.0,) * 6,) * (TAPS * 6),
-        still=six(still),
-        moving=six(moving),
-        shaking=six(shaking),
-        driving=six(driving),
-    )
+    """A model that expects a base that does not move, with these spreads; other phases are not judged."""
+    return still_base(still, moving, shaking, driving)
 
 
 def generator(model: BaseModel, *, adapt: bool = False) -> BaseGenerator:
@@ -182,7 +168,7 @@ def test_the_response_to_long_drives_is_found_as_well() -> None:
 
 def test_spreads_are_quantiles_of_what_is_not_expected(model: BaseModel) -> None:
     """A median of five has 0.536 of the noise of a sample."""
-    expected = np.maximum(0.536 * NORMAL_QUANTILE * NOISE, MIN_SPREADS)
+    expected = np.maximum(MEDIAN_STD * NORMAL_QUANTILE * NOISE, MIN_SPREADS)
     for spread in (model.still, model.driving):
         assert (np.array(spread) >= MIN_SPREADS).all()
         np.testing.assert_allclose(spread[3:], expected[3:], rtol=0.25)
@@ -200,7 +186,7 @@ def test_a_phase_that_no_run_shows_is_as_rough_as_the_next() -> None:
         one.reference.velocity[:] = 2.0 * ROCKING_SPEED
         one.reference.load_torque[LEGS] = rng.uniform(-0.1, 0.1, 3)
     found = fit_base(ROBOT, [recorded(moving)] * 2, window=WINDOW)
-    np.testing.assert_allclose(found.moving, 0.536 * NORMAL_QUANTILE * 0.1, rtol=0.25)
+    np.testing.assert_allclose(found.moving, MEDIAN_STD * NORMAL_QUANTILE * 0.1, rtol=0.25)
     assert found.still == found.moving == found.shaking == found.driving
 
 
@@ -295,14 +281,31 @@ def test_outputs_find_together_what_none_finds_alone() -> None:
 
 
 def test_a_push_that_moves_two_axes_keeps_its_sign() -> None:
-    n, spread = 200, 0.001
-    noise = np.random.default_rng(0)
+    n, spread = 200, 2.0 * MIN_SPREADS
+    size = 2.0 + 0.5 * np.random.default_rng(0).standard_normal((n, 2))
     outputs = np.zeros((n, 6))
-    outputs[100:, 0] = FACTOR * spread * (2.0 + 0.5 * noise.standard_normal(100))
-    outputs[100:, 2] = -FACTOR * spread * (2.0 + 0.5 * noise.standard_normal(100))
-    seen = residuals(generator(still_model(spread)), standing(n, outputs))[110:, 1]
-    assert np.abs(seen).min() > 1.0
-    assert (np.sign(seen) == np.sign(seen[0])).all()
+    outputs[100:, [0, 2]] = size[100:] * FACTOR * spread[[0, 2]] * (1.0, -1.0)
+    signal, largest, signs = generator(still_model(spread)), [], []
+    for k, one in enumerate(standing(n, outputs)):
+        _, seen = signal.step(one)
+        if k >= 110:
+            assert abs(seen) > 1.0
+            largest.append(int(np.argmax(np.abs(signal.filtered) / spread)))
+            signs.append(np.sign(seen))
+    # The largest output changes all the time.
+    assert np.count_nonzero(np.diff(largest)) > 10
+    assert len(set(signs)) == 1
+
+
+def test_a_push_that_turns_to_another_axis_has_the_sign_of_that_one() -> None:
+    """Once the axis that was reported before shows less than half as much."""
+    n, spread = 200, 2.0 * MIN_SPREADS
+    outputs = np.zeros((n, 6))
+    outputs[100:, 0], outputs[100:, 2] = 2.0, -1.9
+    outputs[130:, 0] = 1.0  # of 1.9: more than half
+    outputs[160:, 0] = 0.9
+    seen = residuals(generator(still_model(spread)), standing(n, FACTOR * spread * outputs))[:, 1]
+    np.testing.assert_array_equal(np.sign(seen[[110, 140, 170]]), [-1.0, -1.0, 1.0])
 
 
 # -- phases -----------------------------------------------------------------------------------------------------------
@@ -413,17 +416,9 @@ def with_unit(made: Sequence[Tick], first: int, last: int, value: float | None) 
     """Ticks whose inertial unit has one value in all of a stretch, or stays at its last one (None)."""
     found = list(made)
     for k in range(first, last):
-        imu = found[first - 1].measurement.imu if value is None else filled(value)
-        found[k] = replace(made[k], measurement=replace(made[k].measurement, imu=imu))
+        shown = found[first - 1].measurement.imu if value is None else imu(value)
+        found[k] = replace(made[k], measurement=replace(made[k].measurement, imu=shown))
     return found
-
-
-def filled(value: float) -> Imu:
-    return Imu(
-        acceleration=np.full(3, value),
-        angular_velocity=np.full(3, value),
-        attitude=np.full(3, value),
-    )
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 0.0, None])

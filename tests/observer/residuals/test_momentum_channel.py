@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -184,6 +185,46 @@ def test_a_push_that_moves_the_base_reverses_a_current_between_two_samples(side:
     # Once reversed, it stays so while it shows the output.
     found, _ = residual(channels, motor, drive=-motor, resistance=resistance)
     assert found == pytest.approx(-motor - side * 0.02)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(("later", "reverses"), [(0, True), (1, False)])
+def test_a_current_that_has_become_small_may_have_reversed_until_that_is_the_usual_size(
+    side: float, later: int, reverses: bool
+) -> None:
+    """A fifth of it is below 0.3 of the recent size, which falls by a factor of e in SETTLING_TICKS."""
+    resistance, small = side * 0.02 - CURRENT.offset, side * 0.04
+    channels = channel()
+    residual(channels, 5.0 * small, drive=5.0 * small, resistance=resistance)
+    usual = math.ceil(math.log(0.2 / 0.3) / math.log(1.0 - 1.0 / SETTLING_TICKS))
+    ticks = usual - 1 + SETTLING_TICKS - 1 + later
+    residual(channels, small, drive=small, resistance=resistance, ticks=ticks)
+    _, given_motor = residual(channels, small, drive=-small, resistance=resistance)
+    assert given_motor == pytest.approx(-small if reverses else small)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(("size", "at_limit"), [(0.038, False), (0.042, True)])
+def test_a_board_at_its_limit_gives_twice_what_is_needed_without_touch(
+    side: float, size: float, at_limit: bool
+) -> None:
+    """It asks for 0.2 rad to the other side, of which its current can show a fifth."""
+    resistance = side * 0.02 - CURRENT.offset
+    channels = channel()
+    _, motor = residual(channels, size, drive=-side * 0.2, resistance=resistance, ticks=50)
+    assert motor == pytest.approx(side * (-size if at_limit else size))
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(("degrees", "at_limit"), [(3.5, False), (4.5, True)])
+def test_a_board_that_strays_by_less_than_four_degrees_is_not_at_its_limit(
+    side: float, degrees: float, at_limit: bool
+) -> None:
+    """Recorded boards stray by as much, and give more current than needed for other reasons."""
+    resistance, size = side * 0.01 - CURRENT.offset, 0.025
+    channels, drive = channel(), -side * math.radians(degrees)
+    _, motor = residual(channels, size, drive=drive, resistance=resistance, ticks=50)
+    assert motor == pytest.approx(side * (-size if at_limit else size))
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])

@@ -30,7 +30,7 @@ def test_a_push_in_motion_shows_as_its_torque_over_the_stiffness() -> None:
     assert np.abs(np.median(residual[free])) < 0.1 * STICK_SLIP.load_gain * 4.0
 
 
-def test_it_is_blind_where_the_paper_is() -> None:
+def test_joints_without_a_model_are_blind() -> None:
     motion = swing(1.0)
     made = ticks_of(motion, drive(motion))
     watched = signal()

@@ -132,6 +132,26 @@ def test_the_current_bounds_the_torque_by_the_same_scale() -> None:
     assert torque == pytest.approx(K * PER_AMPERE * ampere + FRICTION)
 
 
+def test_the_largest_current_of_the_filter_bounds_the_torque() -> None:
+    """The residual is a median: a current that has just fallen may belong to it."""
+    joint, bound = Joint(), K * PER_AMPERE * 0.5 + FRICTION
+    joint.step(-0.4, -0.4, moving=True, ampere=0.5)
+    for _ in range(4):
+        assert joint.step(-0.4, -0.4, moving=True, ampere=0.0)[0] == pytest.approx(bound)
+    assert joint.step(-0.4, -0.4, moving=True, ampere=0.0)[0] == pytest.approx(FRICTION)
+
+
+@pytest.mark.parametrize(("residual", "doubt"), [(0.49, 1.0), (0.51, 0.5)])
+def test_friction_of_a_joint_that_rests_hides_a_torque_as_large_as_itself(
+    residual: float, doubt: float
+) -> None:
+    """Up to twice itself: 1.0 is one standard deviation; half of it where the residual shows that it has moved."""
+    joint, r = Joint(), residual * THRESHOLD
+    torque, std = joint.step(r, r)
+    expected = np.sqrt(np.sum(np.square([doubt * FRICTION, K * SPREAD, TORQUE_DOUBT * torque])))
+    assert std == pytest.approx(expected, rel=1e-6)
+
+
 def test_after_a_reset_friction_is_as_expected_again() -> None:
     joint = Joint()
     joint.step(0.0, 0.0, friction=-SMOOTH.friction)

@@ -18,23 +18,12 @@ from pepper_driver.observer.residuals.torque_scale import (
     TorqueScale,
 )
 from support.fusion import MODEL, STICK_SLIP, fusion_model
+from support.observer import measured
 
 ROBOT = load_robot()
 N = len(ROBOT.joint_names)
 ELBOW = ROBOT.joint_index("LElbowRoll")
 CONSTANT = ROBOT.motors.joint_torque_constant("LElbowRoll")
-
-
-def measured(**joints: MeasuredJoint) -> MeasuredRobot:
-    return MeasuredRobot(
-        reported_delay=3,
-        delay_error=0,
-        delay_spread=(0.0, 0.0),
-        late=0.0,
-        lost=0.0,
-        weight=0.5,
-        joints=joints,
-    )
 
 
 def with_stiffness(true: float, efficiency: float, mass: float) -> FusionModel:
