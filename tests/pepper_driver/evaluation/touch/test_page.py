@@ -31,11 +31,20 @@ from pepper_driver.evaluation.touch.recall import (
 )
 from pepper_driver.evaluation.touch.records import RobotRecord
 from pepper_driver.evaluation.touch.summary import summarise_touch
-from pepper_driver.evaluation.touch.summary_data import ObserverSummary, Rate, Share, TouchSummary
+from pepper_driver.evaluation.touch.summary_data import Rate, Share, TouchSummary
 from support.evaluation import ROBOT
-from support.touch_records import LINKS, drawn_robot, lasting, robot, take, told, touched
+from support.touch_records import (
+    LINKS,
+    OURS,
+    drawn_robot,
+    lasting,
+    ours,
+    robot,
+    take,
+    told,
+    touched,
+)
 
-OURS = "fusion"
 WITHOUT = "fusion-without-model"
 OBSERVERS = (OURS, "momentum", "momentum@matched", WITHOUT, "oracle")
 STATES = ("standing", "attentive", "gesturing", "lowered")
@@ -69,12 +78,6 @@ def drawn() -> tuple[RobotRecord, ...]:
 @cache
 def summary_of_drawn() -> TouchSummary:
     return summarise_touch(drawn(), OBSERVERS, ROBOT)
-
-
-def ours(summary: TouchSummary) -> ObserverSummary:
-    observer = summary.observer(OURS)
-    assert observer is not None
-    return observer
 
 
 def text(summary: TouchSummary, pictures: dict[str, str] | None = None, **more: Any) -> str:
