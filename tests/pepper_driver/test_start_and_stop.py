@@ -1,4 +1,4 @@
-"""How a run begins and ends: what is made when, and an orderly end wherever something happens."""
+"""Begin and end of a run: what is made when, and an orderly end wherever something happens."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What programs have the robot do: drive the base, follow tasks, change several things at once."""
+"""Orders of programs: drive the base, follow tasks, change several things at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What motions are made of, as a user meets it: ways in a given time, runs up to an event."""
+"""Parts of motions, as a user meets them: ways in a given time, runs up to an event."""
 
 import numpy as np
 import pytest

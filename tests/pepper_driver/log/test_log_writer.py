@@ -48,7 +48,7 @@ def decode_cdr(definition: str, data: bytes) -> dict[str, tuple[str, tuple[float
 
 
 def decoded_as(decoded: tuple[str, tuple[float, ...]], given: object) -> bool:
-    """Whether the values decoded are those given, in type and bits."""
+    """Return True if the values decoded are those given, in type and bits."""
     kind, values = decoded
     array = np.atleast_1d(np.asarray(given))
     return array.dtype.name == kind and same_bits(np.array(values, dtype=array.dtype), array)

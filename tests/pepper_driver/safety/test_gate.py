@@ -138,7 +138,7 @@ def test_old_data_brake_the_robot_and_new_data_let_it_go_on() -> None:
 
 
 def faulted(g: SafetyGate) -> bool:
-    """Whether the gate is in FAULT, and stays there holding still."""
+    """Return True if the gate is in FAULT, and stays there holding still."""
     if g.state is not RobotState.FAULT:
         return False
     before = g.sent.position.copy()
@@ -321,7 +321,7 @@ def test_measurements_of_any_make_are_watched(made: Callable[[FloatArray], Any])
 
 @pytest.mark.parametrize("count", [16, 18])
 def test_a_measurement_of_other_joints_is_an_error(count: int) -> None:
-    """Which stops the robot, as every error in a tick does."""
+    """It stops the robot, as every error in a tick does."""
     g, standing, other = active_gate(), standing_measurement(), np.ones(count)
     for wrong in (replace(standing, position=other), replace(standing, stiffness=other)):
         with pytest.raises(ValueError, match="17 joints"):

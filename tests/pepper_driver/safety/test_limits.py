@@ -227,7 +227,7 @@ def test_a_joint_that_runs_into_its_limit_at_a_lawful_speed_is_braked_in_time() 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("ticks", [1, 7, 20])
 def test_what_is_exactly_at_the_limits_is_not_limited(ticks: int, sign: float) -> None:
-    """Of acceleration, then of speed; what is beyond them is."""
+    """Steps at the limit of acceleration, then of speed; those beyond are limited."""
     joints, step = a_joint(2.0, 1.0), 0.0
     for _ in range(ticks):
         step = min(step + 10.0 * 0.01**2, 0.02)

@@ -167,7 +167,7 @@ def thresholds(phase: int) -> FloatArray:
 
 
 def first_thresholds() -> FloatArray:
-    """Of the first tick, in which one joint is to move and friction holds it."""
+    """Thresholds of the first tick, in which one joint is to move and friction holds it."""
     first = thresholds(REST)
     first[INDEX] *= HELD_FACTOR
     return first
