@@ -21,10 +21,10 @@ from support.experiments import (
     YAW,
     Trace,
     make_experiment,
-    make_pepper,
     snapshot,
     wrist,
 )
+from support.robots import make_pepper
 
 
 def test_a_hand_gets_where_it_shall_and_stays_there() -> None:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from pepper_driver.controller import BasePoseTask, TargetError
-from support.experiments import YAW, make_pepper
+from support.experiments import YAW
+from support.robots import make_pepper
 
 
 def test_a_posture_can_be_set_with_a_duration() -> None:

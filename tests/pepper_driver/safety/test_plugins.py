@@ -36,6 +36,8 @@ from pepper_driver.safety.plugins import (
     dry_run_part,
     dry_run_reflexes,
 )
+from support.events import contact
+from support.robots import make_pepper
 
 ROBOT = load_robot()
 
@@ -45,10 +47,6 @@ def line_of(function: Callable[..., object], words: str) -> str:
     lines, first = inspect.getsourcelines(function)
     (number,) = (n for n, line in enumerate(lines, first) if words in line)
     return f"{__file__.rpartition('/')[2]} line {number}"
-
-
-def make_pepper(**arguments: Any) -> Pepper:
-    return Pepper("mock", **{"observer": None, **arguments})
 
 
 def refused(call: Callable[[], object], *words: str) -> PepperError:
@@ -467,22 +465,7 @@ def test_the_fault_names_the_task_and_its_line() -> None:
 
 
 def test_the_fault_names_the_reflex_and_its_line() -> None:
-    touch = Contact(
-        id=1,
-        phase="begin",
-        kind="contact",
-        limb="left_arm",
-        joint="LShoulderRoll",
-        shown_by="LShoulderRoll",
-        link="LBicep",
-        direction=1,
-        intensity_deg=3.0,
-        torque=None,
-        torque_std=None,
-        onset_time=0.0,
-        detection_time=0.0,
-        time=0.0,
-    )
+    touch = contact(1)
     asked: list[bool] = []
 
     def request(requests: ReflexRequests) -> None:
