@@ -68,12 +68,17 @@ SUBJECTS = (
             SAFETY + name
             for name in (
                 "test_gate.py",
-                "test_safety_limits.py",
-                "test_safety_states.py",
-                "test_safety_motors.py",
+                "test_limits.py",
+                "test_states.py",
+                "test_monitor.py",
                 "test_safety_faults.py",
             )
         ),
+    ),
+    Subject(
+        "plug-ins",
+        (("pepper_driver/safety/plugins.py", ()),),
+        (f"{SAFETY}test_plugins.py",),
     ),
     Subject(
         "arbiter",

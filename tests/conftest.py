@@ -1,4 +1,4 @@
-"""What holds for all tests, and the stand-in robot that many of them share."""
+"""Settings of all tests, and the stand-in robot that many of them share."""
 
 import gc
 import os

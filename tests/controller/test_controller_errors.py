@@ -1,4 +1,4 @@
-"""What users give by mistake: refused in one line, by an error of this project, before anything is built."""
+"""Mistakes of users: refused in one line, by an error of this project, before anything is built."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the controller says about itself: costs by task, what limits the motion, the parts of the load torque."""
+"""Report of the controller: costs by task, what limits the motion, the parts of the load torque."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ Case = tuple[Callable[[Any], object], str]
 
 
 def untyped(value: object) -> Any:
-    """What a program without type checks hands over."""
+    """Arguments as a program without type checks hands them over."""
     return value
 
 

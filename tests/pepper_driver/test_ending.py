@@ -101,7 +101,7 @@ def _as_a_program_has_it(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.fixture
 def at_exit(monkeypatch: pytest.MonkeyPatch) -> list[Callable[[], None]]:
-    """What the program would still call when it ends."""
+    """Calls that the program would still make when it ends."""
     calls: list[Callable[[], None]] = []
 
     class AtExit:

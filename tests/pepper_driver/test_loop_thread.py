@@ -20,6 +20,7 @@ from pepper_driver.observer import Observation
 from pepper_driver.reflexes import ReflexRequests
 from pepper_driver.safety import RobotState
 from pepper_driver.testing import aged
+from support import robots
 from support.sessions import (
     ROBOT,
     Scripted,
@@ -41,7 +42,7 @@ def time() -> Iterator[SteppedTime]:
 
 
 def make_pepper(**arguments: Any) -> Pepper:
-    return Pepper("mock", real_time=True, **{"observer": None, **arguments})
+    return robots.make_pepper(real_time=True, **arguments)
 
 
 def running(pepper: Pepper, call: Callable[[], object]) -> Any:

@@ -1,4 +1,4 @@
-"""What a robot does when something goes wrong with NAOqi, the network or itself, and what its program then says.
+"""A robot when something goes wrong with NAOqi, the network or itself, and what its program then says.
 
 In virtual time, at the bounds that are shipped; what the robot did is in its black box.
 """
@@ -82,7 +82,7 @@ def test_wheels_stop_and_joints_hold(
 
 
 def test_a_robot_that_goes_on_takes_at_most_two_commands(robot: VirtualNaoqi) -> None:
-    """What waited is old: no wheel turns by it, and no joint goes far."""
+    """Commands that waited are old: no wheel turns by them, and no joint goes far."""
     outcome = drive(robot, "hang", 3.0)
     assert isinstance(outcome.error, FaultError)
     ages = [age for _, age in outcome.ages]

@@ -166,7 +166,7 @@ def test_no_pacing_waits_for_nothing_and_changes_nothing() -> None:
 
 
 def following(clock: FakeClock, beat: float, drift: float = 0.0) -> RealTimePacer:
-    """Of a robot whose cycles are best met ``beat`` [ms] after whole cycles of a clock that is faster by ``drift``."""
+    """Pacer of a robot whose cycles are best met ``beat`` [ms] after those of a clock that is faster by ``drift``."""
 
     class Robot(MockBackend):
         def phase_error(self, due: int) -> float:
@@ -398,7 +398,7 @@ State = tuple[bool, bool, float]
 
 
 def state() -> State:
-    """What all threads share."""
+    """State that all threads share."""
     frozen = gc.get_freeze_count() > MAX_FROZEN_BY_PYTHON
     return gc.isenabled(), frozen, round(sys.getswitchinterval(), 6)
 

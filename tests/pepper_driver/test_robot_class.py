@@ -52,7 +52,7 @@ def test_the_dozen_lines_of_the_readme() -> None:
 
 def test_hold_stops_the_motion_and_lets_it_go_on() -> None:
     def travel(*reflexes: Hold) -> tuple[float, float]:
-        """How far the reference moved while touched, and where it ended."""
+        """Way of the reference while touched, and its end."""
         with Pepper(LIGHT, reflexes=list(reflexes)) as pepper:
             pepper.set_posture({"LShoulderRoll": 1.2}, stiffness=2.0)
             pepper.run(0.2)

@@ -29,7 +29,7 @@ CYCLE = 12_000_000  # ns
 
 @pytest.fixture
 def ended(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """What was ended, in order; a backend made with these calls adds its own."""
+    """Parts that were ended, in order; a backend made with these calls adds its own."""
     calls: list[str] = []
     end_log, end_callbacks = LogWriter.close, Dispatcher.close
 

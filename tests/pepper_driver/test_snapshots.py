@@ -22,11 +22,8 @@ from pepper_driver.controller import TargetError
 from pepper_driver.observer import Contact
 from pepper_driver.safety import RobotState
 from support.reflexes import touch
+from support.robots import make_pepper
 from support.sessions import ROBOT, Scripted, backend_of, in_thread, stepped_time
-
-
-def make_pepper(**arguments: Any) -> Pepper:
-    return Pepper("mock", **{"observer": None, **arguments})
 
 
 class Telling(MockBackend):

@@ -1,4 +1,4 @@
-"""How a run begins and ends: what is made when, and an orderly end wherever something happens."""
+"""Begin and end of a run: what is made when, and an orderly end wherever something happens."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ from pepper_driver.log import LogError, LogWriter, read_log
 from pepper_driver.observer import ModelFileError
 from pepper_driver.safety import RobotState
 from support import ROOT
+from support.robots import make_pepper
 from support.sessions import (
     SteppedTime,
     backend_of,
@@ -46,10 +47,6 @@ MODES: list[dict[str, Any]] = [
 ]
 
 SAFETY = load_safety_settings()
-
-
-def make_pepper(**arguments: Any) -> Pepper:
-    return Pepper("mock", **{"observer": None, **arguments})
 
 
 @pytest.fixture(autouse=True)

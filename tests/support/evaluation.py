@@ -14,6 +14,7 @@ from pepper_driver.config.contact_specs import RandomPushes
 from pepper_driver.controller import Tick
 from pepper_driver.evaluation.episodes import Episode
 from pepper_driver.observer import Contact, JointState, KnownPush, Observation, Observer, Recording
+from support import events
 
 ROBOT = load_robot()
 CYCLE = ROBOT.cycle
@@ -34,22 +35,6 @@ PUSH = KnownPush(
     release=3.0,
     moving=False,
 )
-CONTACT = Contact(
-    id=1,
-    phase="begin",
-    kind="contact",
-    limb="left_arm",
-    joint=JOINT,
-    shown_by=JOINT,
-    link="LBicep",
-    direction=1,
-    intensity_deg=3.0,
-    torque=None,
-    torque_std=None,
-    onset_time=2.1,
-    detection_time=2.1,
-    time=2.1,
-)
 
 
 def at_once(experiment: Experiment) -> Experiment:
@@ -64,8 +49,9 @@ def push(onset: float, degrees: float = 4.0, **changes: Any) -> KnownPush:
 
 
 def contact(number: int, time: float, **changes: Any) -> Contact:
-    """The begin of a contact."""
-    return replace(CONTACT, id=number, detection_time=time, time=time, onset_time=time, **changes)
+    """The begin of a contact on JOINT."""
+    values = {"joint": JOINT, "shown_by": JOINT, "link": "LBicep", "detection_time": time}
+    return events.contact(number, **{**values, "time": time, "onset_time": time, **changes})
 
 
 def recording(seconds: float, error: FloatArray | None = None) -> Recording:

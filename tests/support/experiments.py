@@ -68,11 +68,6 @@ def write(folder: Path, *steps: dict[str, Any], file: str = "mine", **more: Any)
 # -- robots ---------------------------------------------------------------------------------------------------------
 
 
-def make_pepper() -> Pepper:
-    """A Pepper whose joints are where they are sent, and that feels nothing."""
-    return Pepper("mock", observer=None)
-
-
 def fake(
     monkeypatch: pytest.MonkeyPatch, backend: MockBackend | None = None
 ) -> tuple[MockBackend, Scripted]:

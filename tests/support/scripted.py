@@ -11,8 +11,10 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.controller import Tick
 from pepper_driver.observer import Contact, Observation, Observer
 from pepper_driver.reflexes import ReflexRequests
+from support import events
 
 NAN: FloatArray = np.full(17, np.nan)
+ON_THE_SHOULDER = {"joint": "LShoulderRoll", "shown_by": "LShoulderRoll", "link": "LBicep"}
 
 
 def contact(
@@ -20,22 +22,7 @@ def contact(
     phase: Literal["begin", "update", "end"],
     kind: Literal["contact", "collision", "rebound"] = "contact",
 ) -> Contact:
-    return Contact(
-        id=number,
-        phase=phase,
-        kind=kind,
-        limb="left_arm",
-        joint="LShoulderRoll",
-        shown_by="LShoulderRoll",
-        link="LBicep",
-        direction=1,
-        intensity_deg=3.0,
-        torque=None,
-        torque_std=None,
-        onset_time=0.0,
-        detection_time=0.0,
-        time=0.0,
-    )
+    return events.contact(number, phase=phase, kind=kind, **ON_THE_SHOULDER)
 
 
 class Scripted(Observer):

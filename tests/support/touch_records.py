@@ -18,7 +18,10 @@ from pepper_driver.evaluation.touch.records import (
     TorqueEstimate,
     Touched,
 )
+from pepper_driver.evaluation.touch.summary_data import ObserverSummary, TouchSummary
 
+OURS = "fusion"
+"""Name of the observer of the project."""
 FORCES = (2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0)
 LINKS = {
     "hand": ("left_arm", "l_wrist"),
@@ -209,3 +212,10 @@ def _drawn(
         torques=tuple(torques),
         threshold_deg={"LShoulderRoll": float(rng.uniform(0.8, 1.2)), "HeadYaw": 1.5},
     )
+
+
+def ours(summary: TouchSummary) -> ObserverSummary:
+    """The figures of the observer of the project."""
+    observer = summary.observer(OURS)
+    assert observer is not None
+    return observer

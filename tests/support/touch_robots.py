@@ -6,8 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
+import pepper_driver.evaluation.touch.split as split
 import pepper_driver.observer.models as models
-from pepper_driver.config.touch_suites import EVEN
+from pepper_driver.config import load_robot
+from pepper_driver.config.touch_suites import EVEN, load_touch_suites
 from pepper_driver.evaluation.touch.split import Judging
 from pepper_driver.evaluation.touch.takes import TakeSpec
 from pepper_driver.identification import IdentifiedRobot
@@ -59,3 +63,16 @@ def two_takes(judging: Judging, draw: int) -> tuple[TakeSpec, ...]:
 
 
 plan = Judging.specs
+
+
+def short_judging(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Judging:
+    """Return the judging of robots that are identified at once, with two takes of some seconds each."""
+    monkeypatch.setattr(split, "identify_population", identified)
+    monkeypatch.setattr(Judging, "specs", two_takes)
+    return Judging(
+        suites=load_touch_suites(load_robot()),
+        free=40.0,
+        observers=("fusion", "momentum"),
+        folder=folder / "work",
+        records=folder / "records",
+    )

@@ -165,7 +165,7 @@ def test_in_a_turn_the_zero_moment_point_counts_at_rest_too() -> None:
 
 
 def test_rest_and_motion_never_exclude_each_other() -> None:
-    """Of each line, with what the base can do; joints may be as quick as they like."""
+    """Accelerations along each line, with those that the base can have; joints may be as quick as they like."""
     random, model, seen = np.random.default_rng(8), RobotModel(ROBOT), 0
     for _ in range(200):
         random_state(random, model)

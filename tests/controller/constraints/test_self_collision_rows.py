@@ -1,4 +1,4 @@
-"""Which rows self-collision makes: all that accelerations could break, and those of arms that pass each other."""
+"""Rows of self-collision: all that accelerations could break, and those of arms that pass each other."""
 
 from __future__ import annotations
 

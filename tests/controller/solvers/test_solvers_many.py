@@ -75,7 +75,7 @@ def wander(control: WholeBodyController, ticks: int, *, reach: float = 0.4) -> l
 
 
 def largest_difference(one: list[Reference], two: list[Reference]) -> float:
-    """Of the joint positions [rad]."""
+    """Largest difference of the joint positions [rad]."""
     return max(float(np.abs(a.position - b.position).max()) for a, b in zip(one, two, strict=True))
 
 

@@ -93,7 +93,7 @@ def relative_turn(state: State, target_link: str | None) -> FloatArray:
 
 
 def line_of_sight(control: WholeBodyController) -> tuple[FloatArray, FloatArray]:
-    """Where the head is and its x axis in the world."""
+    """Position of the head and its x axis in the world."""
     head = link_pose(State(control.model.q, control.model.v), "Head")
     return head[:3, 3], head[:3, 0]
 

@@ -2,7 +2,8 @@
 
 import threading
 from pathlib import Path
-from time import perf_counter, thread_time
+from time import thread_time
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from pepper_driver.backends import make_backend
 from pepper_driver.backends.mujoco_ import MujocoBackend
-from pepper_driver.bench import loop
+from pepper_driver.bench import loop, physics
 from pepper_driver.bench.loop import TURN, Speed, record_turns, run_loop_bench, time_observer
 from pepper_driver.bench.physics import RecordedSteps, StepRecorder
 from pepper_driver.controller import Tick
@@ -52,7 +53,19 @@ def test_plant_and_bare_physics_go_where_the_loop_went(plant: str, tmp_path: Pat
 PENDULUM = """
 <mujoco><worldbody><body><joint type="hinge" axis="0 1 0"/><geom size="0.1" pos="0 0 -1"/></body></worldbody></mujoco>
 """
-SPIN = 200e-6  # [s]
+STEP, CHANGE = 0.25, 4.0
+"""[s] Of a step, and of what is set before it."""
+
+
+class Slowly:
+    """An array of which each change takes a time, ``clock`` holding what has passed [s]."""
+
+    def __init__(self, array: Any, clock: list[float]) -> None:
+        self.array, self.clock = array, clock
+
+    def __setitem__(self, key: slice, values: Any) -> None:
+        self.clock[0] += CHANGE
+        self.array[key] = values
 
 
 def test_the_time_is_that_of_the_steps_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -64,22 +77,20 @@ def test_the_time_is_that_of_the_steps_alone(monkeypatch: pytest.MonkeyPatch) ->
             model.dof_damping[:] = 0.01 * step
             mujoco.mj_step(model, data)
     assert [len(steps) for steps in recorder.recordings] == [50, 50]
-    count = 0
+    steps, clock, count = recorder.recordings[1], [0.0], 0
+    changes = [[(Slowly(array, clock), v) for array, v in each] for each in steps._changes]
 
     def spin(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         nonlocal count
         count += 1
-        end = perf_counter() + SPIN
-        while perf_counter() < end:
-            pass
+        clock[0] += STEP
 
+    monkeypatch.setattr(steps, "_changes", changes)
+    monkeypatch.setattr(physics, "perf_counter", lambda: clock[0])
     monkeypatch.setattr(mujoco, "mj_step", spin)
-    steps = recorder.recordings[1]
-    times = steps.replay()
-    assert times.shape == (50,)
-    assert np.median(times) == pytest.approx(SPIN, rel=0.1)
-    assert times.min() >= SPIN
+    np.testing.assert_array_equal(steps.replay(), np.full(50, STEP))
     assert count == 50
+    assert clock[0] >= 50 * (STEP + CHANGE), "each step has another damping"
     assert steps.model.dof_damping[0] == 0.99
     mujoco.mj_step(model, data)
     assert len(recorder.recordings) == 2, "nothing is recorded outside of the block"
@@ -96,21 +107,21 @@ def test_ratios_are_those_of_times() -> None:
 def test_an_observer_that_dawdles_is_seen(
     plant: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    step = ContactObserver.step
+    """Each tick takes 4 ms in one of two runs, and 9 ms in the other."""
+    step, now, count = ContactObserver.step, 0.0, 0
 
     def dawdle(observer: ContactObserver, tick: Tick) -> Observation:
-        end = perf_counter() + 0.004
-        observation = step(observer, tick)
-        while perf_counter() < end:
-            pass
-        return observation
+        nonlocal now, count
+        now, count = now + (0.009 if count % 2 else 0.004), count + 1
+        return step(observer, tick)
 
+    assert round(TURN / 0.012) % 2 == 1, "so that a tick is in another place of the second run"
     monkeypatch.setattr(loop, "RUNS", 2)
+    monkeypatch.setattr(loop, "perf_counter", lambda: now)
     monkeypatch.setattr(ContactObserver, "step", dawdle)
     taken = time_observer(plant, 1, tmp_path / "run.mcap")
     if plant in shipped("fusion"):
-        assert taken is not None
-        assert taken >= 4000.0
+        assert taken == pytest.approx(4000.0)
     else:
         assert taken is None
 

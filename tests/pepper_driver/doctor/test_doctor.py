@@ -1,4 +1,4 @@
-"""What the doctor sees of robots that do not move."""
+"""Findings of the doctor on robots that do not move."""
 
 from collections.abc import Callable
 from dataclasses import replace

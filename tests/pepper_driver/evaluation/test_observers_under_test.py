@@ -1,4 +1,4 @@
-"""Who is evaluated with which models."""
+"""Observers that are evaluated, their models, and the oracle."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -13,12 +13,22 @@ from pepper_driver.evaluation.observers_under_test import (
     ORACLE,
     RECORDED,
     ObserversUnderTest,
+    OracleObserver,
     contestants,
     reference_plant,
     shared_by_type,
+    untouched_error,
 )
-from pepper_driver.observer import AffineTree, ModelFileError, ModelSet, shipped
-from support.evaluation import ROBOT, make_episode
+from pepper_driver.observer import (
+    AffineTree,
+    ModelFileError,
+    ModelSet,
+    RecordingBuilder,
+    nrmse_fit,
+    shipped,
+)
+from pepper_driver.robot import Pepper
+from support.evaluation import INDEX, JOINTS, ROBOT, make_episode, recording
 
 NOMINAL = RobotIdentity(name="nominal", identity=plant_hash(load_plant("nominal", ROBOT), ROBOT))
 PAPER = ObserversUnderTest(modes=("paper-affine", "paper-cart"))
@@ -142,3 +152,49 @@ def test_models_are_shared_by_type_of_motor_in_the_suite_about_that() -> None:
     zero = (0.0, 0.0, 0.0)
     assert rows[0][elbow] == tree(models, "RElbowRoll").predict(np.array([zero]))[0]
     assert rows[1][elbow] == tree(shared, "RElbowRoll").predict(np.array([zero]))[0]
+
+
+# -- the oracle on a short simulated episode: it knows what the plant does, but not who pushes ------------------------
+
+
+@pytest.fixture(scope="module")
+def builder() -> RecordingBuilder:
+    """A shoulder that moves for two seconds and is pushed in the last of them."""
+    builder = RecordingBuilder(ROBOT)
+    with Pepper("mujoco://?seed=4", observer=None, robot=ROBOT) as pepper:
+        pepper.run(1.5)
+        pepper.set_posture({"LShoulderRoll": 0.9})
+        pepper.push("LForeArm", [0.0, 25.0, 0.0], duration=0.8, delay=2.0)
+        pepper.run(3.0, on_tick=lambda tick, _: builder.append(tick))
+    return builder
+
+
+def test_the_oracle_foresees_free_motion_and_nothing_else(builder: RecordingBuilder) -> None:
+    run = builder.finish()
+    expected = untouched_error(run, "mujoco", ROBOT)
+    assert expected.shape == (len(run), JOINTS)
+    free = slice(0, round(1.9 / ROBOT.cycle))
+    assert nrmse_fit(run.tracking_error(INDEX)[free], expected[free, INDEX]) > 85.0
+    # One tick off is worse on both sides: it is paired as the recording is.
+    for shift in (-1, 1):
+        late = np.roll(expected[:, INDEX], shift)[free]
+        assert nrmse_fit(run.tracking_error(INDEX)[free], late) < 85.0
+    residual = np.degrees(run.tracking_error(INDEX) - expected[:, INDEX])
+    assert np.abs(residual[free]).max() < 0.6
+    assert np.abs(residual).max() > 1.5
+
+
+def test_the_oracle_says_when_the_residual_leaves_the_band() -> None:
+    run = recording(3.0, np.full(250, 0.1))
+    expected = np.zeros((250, JOINTS))
+    expected[:100, INDEX] = 0.09  # 0.57 deg off, then 5.7
+    watched = watch(OracleObserver(ROBOT, expected), run)
+    begins = [c for c in watched.contacts if c.phase == "begin"]
+    assert [c.joint for c in begins] == ["LShoulderRoll"]
+    assert begins[0].direction == -1
+    assert begins[0].detection_time == pytest.approx(105 * ROBOT.cycle)  # the median of 11
+    assert watched.expected[50, INDEX] == 0.09
+    again = OracleObserver(ROBOT, expected)
+    watch(again, run)
+    assert watch(again, run).contacts == watched.contacts
+    assert "oracle" in again.describe()

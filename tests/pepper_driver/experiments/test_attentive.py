@@ -20,9 +20,10 @@ from pepper_driver.log import read_log
 from pepper_driver.observer import ContactObserver, Observation
 from pepper_driver.observers import friction_errors
 from pepper_driver.replay import compare, load_run, replay
-from support.experiments import make_experiment, make_pepper
+from support.experiments import make_experiment
 from support.fusion import STICK_SLIP, fusion_model, fusion_set
 from support.reflexes import ARM, ROBOT, ROLL, Stage, touch
+from support.robots import make_pepper
 
 AMPLITUDE = np.radians(2.0)
 BENT = {

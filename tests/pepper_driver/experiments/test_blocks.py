@@ -313,7 +313,7 @@ def test_the_steps_of_another_file_are_played_where_it_stands(tmp_path: Path) ->
 def test_a_file_that_waits_for_touch_needs_an_observer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Who plays it says nothing of touch itself: it gets an observer all the same, unless it wants none."""
+    """The program that plays it says nothing of touch: it gets an observer all the same, unless it wants none."""
     _, observer = fake(monkeypatch)
     observer.at = taps(30)
     for inner in (listen(), branch(({}, "touched"))):

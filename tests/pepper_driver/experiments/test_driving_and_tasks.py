@@ -1,4 +1,4 @@
-"""What programs have the robot do: drive the base, follow tasks, change several things at once."""
+"""Orders of programs: drive the base, follow tasks, change several things at once."""
 
 from __future__ import annotations
 
@@ -28,15 +28,12 @@ from pepper_driver.controller import (
 )
 from pepper_driver.safety import RobotState
 from support.examples import examples
+from support.robots import make_pepper
 from support.sessions import ROBOT, backend_of, in_thread, stepped_time
 
 HALF = round(0.5 / ROBOT.cycle)
 """[ticks] for which the base follows one ``drive``."""
 YAW, PITCH = ROBOT.joint_index("HeadYaw"), ROBOT.joint_index("HeadPitch")
-
-
-def make_pepper(**arguments: Any) -> Pepper:
-    return Pepper("mock", **{"observer": None, **arguments})
 
 
 def requested(pepper: Pepper, ticks: int) -> list[list[float]]:

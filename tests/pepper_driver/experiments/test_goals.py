@@ -21,10 +21,10 @@ from support.experiments import (
     YAW,
     Trace,
     make_experiment,
-    make_pepper,
     snapshot,
     wrist,
 )
+from support.robots import make_pepper
 
 
 def test_a_hand_gets_where_it_shall_and_stays_there() -> None:
@@ -67,7 +67,7 @@ def test_what_is_measured_is_of_the_robot_and_not_of_the_reference() -> None:
 
 
 def test_tasks_end_with_their_step_unless_kept() -> None:
-    """Which tasks are in the controller while each step is played."""
+    """Compare the tasks in the controller while each step is played."""
     seen: list[list[str]] = []
     look = {"point": [1.0, 0.0, 1.0]}
     kept = REACH | {"keep": True}

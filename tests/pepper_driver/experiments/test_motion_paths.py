@@ -1,10 +1,11 @@
-"""What motions are made of, as a user meets it: ways in a given time, runs up to an event."""
+"""Parts of motions, as a user meets them: ways in a given time, runs up to an event."""
 
 import numpy as np
 import pytest
 
 from pepper_driver.controller import BasePoseTask, TargetError
-from support.experiments import YAW, make_pepper
+from support.experiments import YAW
+from support.robots import make_pepper
 
 
 def test_a_posture_can_be_set_with_a_duration() -> None:

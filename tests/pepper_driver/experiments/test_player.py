@@ -22,10 +22,10 @@ from support.experiments import (
     YAW,
     Trace,
     make_experiment,
-    make_pepper,
     snapshot,
     wrist,
 )
+from support.robots import make_pepper
 from support.scripted import Holder
 
 

@@ -308,7 +308,7 @@ def test_a_step_that_waits_for_its_targets_reaches_them_again() -> None:
 
 
 def test_a_base_goes_back_to_what_it_was_sent_to() -> None:
-    """What the step left open about the base is where it was when the step began, not where it was pushed to."""
+    """A base of which the step says nothing stays where it was when the step began, not where it was pushed to."""
     poses: list[FloatArray] = []
     step = {"name": "forward", "duration": 3.6, "base": {"x": 0.2}, "hold": 2.4}
     aside = {"name": "aside", "duration": 1.2, "base_velocity": {"vy": 0.1, "wz": 0.2}}

@@ -33,7 +33,7 @@ SIDEWAYS = {"outwards": -INWARDS, "inwards": INWARDS}
 
 @dataclass
 class Story:
-    """What happened, and the measured posture tick by tick; times since the first tick [s]."""
+    """Events of a run, and the measured posture tick by tick; times since the first tick [s]."""
 
     cues: list[CueEvent] = field(default_factory=list)
     reflexes: list[ReflexEvent] = field(default_factory=list)
@@ -94,7 +94,7 @@ def untouched(robot: str) -> Story:
 
 
 def moved(story: Story, robot: str, begin: float, way: FloatArray) -> float:
-    """How much further the hand went along a push than the untouched motion would have led it from there [m]."""
+    """Way of the hand along a push, beyond that on which the untouched motion would have led it from there [m]."""
     end, free = begin + PUSH_TIME, untouched(robot)
     pushed, led = (
         MODEL.link_pose(HAND, q) @ np.append(POINT, 1.0)

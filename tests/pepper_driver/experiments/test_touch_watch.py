@@ -94,7 +94,7 @@ def test_a_touch_that_becomes_as_chosen_late_has_lasted_since_it_began() -> None
 
 
 def test_a_touch_that_turns_out_to_be_elsewhere_does_not_count() -> None:
-    """Where a contact is may be revised; a rebound may be recognised late."""
+    """The place of a contact may be revised; a rebound may be recognised late."""
     moved = {5: begin(), 20: update(link="LBicep")}
     assert met(moved, lasting=0.6, link="LForeArm") == []
     assert met(moved, lasting=0.6, link="LBicep") == [55]

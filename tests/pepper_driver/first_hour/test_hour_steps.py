@@ -264,7 +264,7 @@ def test_a_touch_in_a_run_is_shown_at_once_and_the_run_is_offered_again(
 def test_a_run_that_looks_touched_is_offered_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What looks so again after nothing touched the robot is its own doing: an hour must come to its end."""
+    """A second such run after nothing touched the robot is its own doing: an hour must come to its end."""
     looks = [("calibration-4",), ("calibration-3", "calibration-4"), ("calibration-3",)]
     recorded: list[bool] = []
 

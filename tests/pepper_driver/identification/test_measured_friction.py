@@ -85,7 +85,7 @@ def test_a_load_that_hardly_changes_tells_no_scale() -> None:
 
 @pytest.mark.parametrize("noise", [0.004, 0.012])
 def test_a_friction_whose_current_is_less_than_a_step_of_its_sensor_is_found(noise: float) -> None:
-    """Of the size of such a current more than half is noise."""
+    """More than half of the size of such a current is noise."""
     friction, scale, wrist = 0.006, 1.5, ROBOT.joint_index("LWristYaw")
     constant, step = ROBOT.motors.joint_torque_constant("LWristYaw"), ROBOT.sensors.current.step
     run = sweeps(0.0, 0.0, 0.0, gravity=0.004)

@@ -105,7 +105,7 @@ def check(read: RunLog, whole: Whole, intact: list[Place]) -> None:
 
 
 def attempt(path: Path) -> RunLog | LogError:
-    """What reading gives, an error of one line included."""
+    """Read a log; return its content, or its error of one line."""
     try:
         return read_log(path)
     except LogError as error:

@@ -1,4 +1,4 @@
-"""What a log says of its run, and what it keeps to itself."""
+"""Metadata of a log: facts of its run, and what it keeps to itself."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ from support.log_samples import ROBOT, Samples, Written, flatten, same_bits
 
 
 def attempt(path: Path) -> RunLog | LogError:
-    """What reading gives, an error of one line included."""
+    """Read a log; return its content, or its error of one line."""
     try:
         return read_log(path)
     except LogError as error:

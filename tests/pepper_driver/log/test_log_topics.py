@@ -46,7 +46,7 @@ PRESSED = LogEvent(time=0.036, kind="sensor", name="bumper.Left", phase="begin")
 
 
 def foxglove_refuses(schema: dict[str, Any]) -> str:
-    """What the schema parser of Foxglove would stumble over: it knows fields of one plain type only."""
+    """Parts of a schema that the parser of Foxglove refuses: it knows fields of one plain type only."""
     if schema.get("type") != "object":
         return f"an object of type {schema.get('type')!r}"
     for name, field in schema["properties"].items():
@@ -72,7 +72,7 @@ def test_schema_opens_in_foxglove(topic: JsonTopic[Any]) -> None:
 
 
 def valid(schema: dict[str, Any], message: dict[str, Any]) -> bool:
-    """Whether a message is what its schema says, as far as these schemas go."""
+    """Return True for a message as its schema describes it, as far as these schemas go."""
     types: dict[str, Any] = {
         "string": str,
         "integer": int,

@@ -25,6 +25,7 @@ from pepper_driver.loop import TickRecord
 from pepper_driver.observer.interface import Contact, JointState
 from support.full_disk import limit_disk
 from support.log_samples import ROBOT, N, Samples, flatten, same_bits
+from support.waiting import PATIENCE
 
 RUN = {"backend": "mujoco://?seed=3", "seed": "3", "ümläut": "ß\n2"}
 ROS_TYPES = {"float64": (8, "d"), "int64": (8, "q"), "bool": (1, "?"), "int8": (1, "b")}
@@ -47,7 +48,7 @@ def decode_cdr(definition: str, data: bytes) -> dict[str, tuple[str, tuple[float
 
 
 def decoded_as(decoded: tuple[str, tuple[float, ...]], given: object) -> bool:
-    """Whether the values decoded are those given, in type and bits."""
+    """Return True if the values decoded are those given, in type and bits."""
     kind, values = decoded
     array = np.atleast_1d(np.asarray(given))
     return array.dtype.name == kind and same_bits(np.array(values, dtype=array.dtype), array)
@@ -199,22 +200,32 @@ def test_full_ring_drops_and_counts(
     assert read["tick"].tolist() == [0, 1, 2, 3, 4]
 
 
-def test_lossless_waits_for_room(gate: Gate, tmp_path: Path) -> None:
+def test_lossless_waits_for_room(
+    gate: Gate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     samples = Samples(4)
     log = LogWriter(tmp_path / "gated.mcap", ROBOT, {}, capacity=3, lossless=True)
     gate.closed_to_rows = True
     log.append(TickRecord(tick=samples.tick(0)))
     gate.reached.wait()
-    done = threading.Event()
+    wait, waits, appended = log._room.wait, threading.Semaphore(0), list[int]()
+
+    def wait_for_room(timeout: float) -> bool:
+        waits.release()
+        return wait(timeout)
+
+    monkeypatch.setattr(log._room, "wait", wait_for_room)
 
     def produce() -> None:
         for number in range(1, 200):
             log.append(TickRecord(tick=samples.tick(number)))
-        done.set()
+            appended.append(number)
 
     thread = threading.Thread(target=produce)
     thread.start()
-    assert not done.wait(0.1)
+    for _ in range(3):
+        assert waits.acquire(timeout=PATIENCE)
+        assert appended == [1, 2], "two of three places were free"
     gate.opened.set()
     thread.join()
     log.close()

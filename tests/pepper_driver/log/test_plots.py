@@ -151,7 +151,7 @@ def test_hands_are_shown_in_percent(log: RunLog) -> None:
 
 
 def test_contacts_of_the_joint_and_of_its_chain(log: RunLog) -> None:
-    """Where a contact was felt at last counts; it lasts to its end, or to the end of the log."""
+    """The last place of a contact counts; it lasts to its end, or to the end of the log."""
     end = round(float(log["time"][-1]), 6)
     elsewhere = "contact elsewhere on limb, or trunk"
     for axes in panels(contact_figure(log, ["LShoulderRoll"])):

@@ -1,4 +1,4 @@
-"""Who gets posture, base, motor stiffness and tasks: user, experiment, reflexes of several priorities, and a pause."""
+"""Shares in posture, base, stiffness and tasks: of user, experiment, reflexes of several priorities, and a pause."""
 
 from __future__ import annotations
 

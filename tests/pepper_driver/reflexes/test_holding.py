@@ -1,4 +1,4 @@
-"""What a reflex holds, nothing else moves: neither tasks of the user's, nor motions, nor the base."""
+"""Joints held by a reflex: nothing else moves them, neither tasks of the user's, nor motions, nor the base."""
 
 import numpy as np
 import pytest

@@ -420,7 +420,7 @@ def test_the_page_has_the_defaults_of_every_reflex() -> None:
 
 
 def test_events_say_which_reflex_has_the_joints() -> None:
-    """Of two that want one arm, the log tells at any time who has it."""
+    """Two want one arm: the log tells at any time which of them has it."""
     arm = tuple(name for name in ROBOT.limbs["left_arm"] if name not in ROBOT.hands.joints)
     stage = Stage(Retract(kind="collision"), FollowHand(), Retract(limb="head", kind="collision"))
     stage.step(touch(1))

@@ -1,4 +1,4 @@
-"""How joints that a reflex has led away go back to the user's posture."""
+"""Return of joints that a reflex has led away to the user's posture."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What draws without a display, and what is said where nothing does."""
+"""OpenGL without a display, and the message where there is none."""
 
 from __future__ import annotations
 

@@ -178,7 +178,7 @@ def jittery(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_run_over_a_network_is_found_bit_for_bit(jittery: Path) -> None:
-    """Which command a sample answers changes from tick to tick, samples repeat, and commands stay unmatched."""
+    """The command that a sample answers changes from tick to tick, samples repeat, and commands stay unmatched."""
     found, result = replayed(jittery)
     run = load_run(jittery)
     read = run.log
@@ -198,7 +198,7 @@ def test_a_run_over_a_network_is_found_bit_for_bit(jittery: Path) -> None:
 
 
 def test_the_error_of_a_late_sample_is_no_error_of_the_robot(jittery: Path, log: Path) -> None:
-    """What is paired is the sample with its own command: the tracking error is that of a run without a network."""
+    """Pair each sample with its own command: the tracking error is that of a run without a network."""
     errors = [read["sent_position"] - read["position"] for read in map(read_log, (log, jittery))]
     still, late = (np.percentile(np.abs(error[:160]), 99.5) for error in errors)
     assert late < 1.2 * still

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from pepper_driver.backends import Command
-from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.safety import FaultError, FaultReason, RobotState, SafetyGate, StateError
 from pepper_driver.testing import (
@@ -21,24 +20,23 @@ from pepper_driver.testing import (
     standing_measurement,
 )
 from support.fakes import reference
+from support.safety import (
+    CONTROLLER,
+    ONES,
+    ROBOT,
+    SAFETY,
+    STAND,
+    STILL,
+    active_gate,
+    new_gate,
+)
 
-ROBOT = load_robot()
-SAFETY = load_safety_settings()
-CONTROLLER = load_controller_settings(ROBOT)
-STAND = ROBOT.posture("Stand")
-ONES, STILL = np.ones(17), np.zeros(3)
 SMALL = 0.0004
 """[rad] A step that no joint's acceleration forbids, from rest."""
 
 
-def gate() -> SafetyGate:
-    gate = SafetyGate(ROBOT, SAFETY, CONTROLLER)
-    gate.activate(STAND)
-    return gate
-
-
 def test_a_reference_within_the_limits_passes_unchanged() -> None:
-    g = gate()
+    g = active_gate()
     wanted = STAND + SMALL
     speeds = np.array([0.03, 0.02, 0.01])
     gated = g.gate(reference(wanted), ONES, speeds, 0.0)
@@ -54,7 +52,7 @@ def test_a_reference_within_the_limits_passes_unchanged() -> None:
 
 def test_joints_that_can_just_brake_before_their_limits_pass_unchanged() -> None:
     """Joints speed up and end 0.8 changes before their limits, which braking in whole ticks allows."""
-    g = SafetyGate(ROBOT, SAFETY, CONTROLLER)
+    g = new_gate()
     change = SAFETY.acceleration_margin * CONTROLLER.joint_acceleration(ROBOT) * ROBOT.cycle**2
     g.activate(ROBOT.upper - 3.3 * change)
     for away in (2.3, 0.8):
@@ -66,7 +64,7 @@ def test_joints_that_can_just_brake_before_their_limits_pass_unchanged() -> None
 
 
 def test_the_stiffness_of_a_caller_is_copied() -> None:
-    g = gate()
+    g = active_gate()
     stiffness = ONES.copy()
     sent = g.gate(reference(STAND), stiffness, STILL, 0.0).command.stiffness
     stiffness[3] = 0.0
@@ -74,7 +72,7 @@ def test_the_stiffness_of_a_caller_is_copied() -> None:
 
 
 def test_a_small_step_over_a_position_limit_is_clamped() -> None:
-    g = SafetyGate(ROBOT, SAFETY, CONTROLLER)
+    g = new_gate()
     for limit, side in ((ROBOT.upper, 1), (ROBOT.lower, -1)):
         g.activate(limit)
         gated = g.gate(reference(limit + side * SMALL), ONES, STILL, 0.0)
@@ -83,8 +81,28 @@ def test_a_small_step_over_a_position_limit_is_clamped() -> None:
         g.deactivate()
 
 
+@pytest.mark.parametrize(("limit", "side"), [(ROBOT.upper, 1.0), (ROBOT.lower, -1.0)])
+@pytest.mark.parametrize("inwards", [-1.0, 0.0, 0.5])
+def test_a_robot_that_stands_beyond_its_limits_is_sent_within_them(
+    limit: FloatArray, side: float, inwards: float
+) -> None:
+    """Readiness lets it start so far beyond them; it is asked to go on, to stay, or to come back."""
+    beyond = 0.03
+    assert beyond < SAFETY.limit_activate
+    g = active_gate(limit + side * beyond)
+    sent = [g.sent]
+    for tick in range(50):
+        wanted = limit + side * (beyond - 0.02 * inwards * tick)
+        sent.append(g.gate(reference(wanted), ONES, STILL, 0.0).command)
+    for command in sent:
+        assert np.isfinite(command.position).all()
+        assert (command.position >= ROBOT.lower).all()
+        assert (command.position <= ROBOT.upper).all()
+    assert g.state is RobotState.ACTIVE
+
+
 def test_a_jump_is_clamped_and_flagged_joint_by_joint() -> None:
-    g = gate()
+    g = active_gate()
     wanted = STAND.copy()
     wanted[6] += 0.5
     gated = g.gate(reference(wanted), ONES, STILL, 0.0)
@@ -95,7 +113,7 @@ def test_a_jump_is_clamped_and_flagged_joint_by_joint() -> None:
 
 
 def test_old_data_brake_the_robot_and_new_data_let_it_go_on() -> None:
-    g = gate()
+    g = active_gate()
     wanted = STAND.copy()
     for step in range(1, 30):
         wanted = wanted.copy()
@@ -114,13 +132,13 @@ def test_old_data_brake_the_robot_and_new_data_let_it_go_on() -> None:
     assert steps[-1] == 0.0
     assert g.state is RobotState.ACTIVE
     moved = STAND + SMALL
-    exactly = gate().gate(reference(moved), ONES, STILL, SAFETY.stale_hold)
+    exactly = active_gate().gate(reference(moved), ONES, STILL, SAFETY.stale_hold)
     np.testing.assert_array_equal(exactly.command.position, moved)
     assert not g.gate(reference(g.sent.position), ONES, STILL, 0.0).limited.any()
 
 
 def faulted(g: SafetyGate) -> bool:
-    """Whether the gate is in FAULT, and stays there holding still."""
+    """Return True if the gate is in FAULT, and stays there holding still."""
     if g.state is not RobotState.FAULT:
         return False
     before = g.sent.position.copy()
@@ -146,7 +164,7 @@ def assert_fault(g: SafetyGate, reason: FaultReason, word: str) -> None:
 
 @pytest.mark.parametrize("part", [0, 1, 2])
 def test_a_reference_that_is_no_number_is_a_fault(part: int) -> None:
-    g = gate()
+    g = active_gate()
     parts = [STAND.copy(), ONES.copy(), STILL.copy()]
     parts[part][1] = np.nan
     g.gate(reference(parts[0]), parts[1], parts[2], 0.0)
@@ -157,13 +175,13 @@ def test_a_reference_that_is_no_number_is_a_fault(part: int) -> None:
 
 @pytest.mark.parametrize("age", [SAFETY.stale_fault + 0.001, np.nan, np.inf])
 def test_a_silent_robot_is_a_fault(age: float) -> None:
-    g = gate()
+    g = active_gate()
     g.watch(aged(age)(standing_measurement()), g.sent)
     assert_fault(g, FaultReason.STALE_SAMPLE, "old")
 
 
 def test_how_old_the_newest_sample_is_stands_in_the_fault() -> None:
-    g = gate()
+    g = active_gate()
     g.watch(aged(SAFETY.stale_fault)(standing_measurement()), g.sent)
     assert g.state is RobotState.ACTIVE, "exactly as old as it may be"
     g.watch(aged(1.0)(standing_measurement()), g.sent)
@@ -182,7 +200,7 @@ def test_heat_and_charge_are_looked_at_each_period_from_the_first_tick_on(
     harm: Fault, reason: FaultReason, before: int
 ) -> None:
     """And a fault when they are beyond the limit so many times in a row."""
-    g, period = gate(), round(SAFETY.check_period / ROBOT.cycle)
+    g, period = active_gate(), round(SAFETY.check_period / ROBOT.cycle)
     for _ in range(before * period):
         g.watch(standing_measurement(), g.sent)
     for _ in range(1 + (SAFETY.confirmations - 1) * period):
@@ -193,7 +211,7 @@ def test_heat_and_charge_are_looked_at_each_period_from_the_first_tick_on(
 
 @pytest.mark.parametrize("harm", [heated("HeadYaw", 99.0), drained(0.001)])
 def test_heat_and_charge_that_were_well_once_are_counted_anew(harm: Fault) -> None:
-    g, period = gate(), round(SAFETY.check_period / ROBOT.cycle)
+    g, period = active_gate(), round(SAFETY.check_period / ROBOT.cycle)
     for number in range(5 * SAFETY.confirmations):
         bad = number % SAFETY.confirmations != 0
         for _ in range(period):
@@ -202,14 +220,14 @@ def test_heat_and_charge_that_were_well_once_are_counted_anew(harm: Fault) -> No
 
 
 def test_a_sample_whose_age_is_no_number_is_old() -> None:
-    g = gate()
+    g = active_gate()
     held = g.gate(reference(STAND + 0.005), ONES, STILL, np.nan)
     np.testing.assert_array_equal(held.command.position, STAND)
 
 
 @pytest.mark.parametrize("part", [0, 1, 2])
 def test_a_command_of_the_wrong_size_is_a_fault(part: int) -> None:
-    g = gate()
+    g = active_gate()
     parts = [STAND.copy(), ONES.copy(), STILL.copy()]
     parts[part] = parts[part][:-1]
     gated = g.gate(reference(parts[0]), parts[1], parts[2], 0.0)
@@ -222,13 +240,13 @@ def test_a_command_of_the_wrong_size_is_a_fault(part: int) -> None:
     "stiffness", ["soft", None, [[1.0], [2.0, 3.0]], 1.0, np.float64(1.0), np.ones((17, 1))]
 )
 def test_a_stiffness_that_is_no_array_is_a_fault(stiffness: Any) -> None:
-    g = gate()
+    g = active_gate()
     g.gate(reference(STAND), stiffness, STILL, 0.0)
     assert_fault(g, FaultReason.COMMAND, "stiffness")
 
 
 def test_whole_numbers_and_lists_are_numbers() -> None:
-    g = gate()
+    g = active_gate()
     wanted, whole = (STAND + SMALL).tolist(), np.ones(17, dtype=np.int64)
     speeds: Any = [0.03, 0.02, 0.01]
     gated = g.gate(reference(wanted), cast(Any, whole), speeds, 0.0)
@@ -271,7 +289,7 @@ ARRAYS = [with_gaps, of_other_bytes, off_the_word, not_to_be_written, np.float32
 
 @pytest.mark.parametrize("made", ARRAYS)
 def test_arrays_of_any_make_are_numbers(made: Callable[[FloatArray], Any]) -> None:
-    g, exact = gate(), gate()
+    g, exact = active_gate(), active_gate()
     moved = (STAND + SMALL).astype(np.float32).astype(np.float64)  # exact in 32 bits
     half, speeds = np.full(17, 0.5), np.array([0.03125, 0.015625, 0.0])
     for _ in range(3):
@@ -288,7 +306,7 @@ def test_arrays_of_any_make_are_numbers(made: Callable[[FloatArray], Any]) -> No
 
 @pytest.mark.parametrize("made", [*ARRAYS, np.ndarray.tolist])
 def test_measurements_of_any_make_are_watched(made: Callable[[FloatArray], Any]) -> None:
-    g = gate()
+    g = active_gate()
     standing = standing_measurement()
     sound = replace(standing, position=made(standing.position), stiffness=made(ONES))
     for _ in range(100):
@@ -303,21 +321,21 @@ def test_measurements_of_any_make_are_watched(made: Callable[[FloatArray], Any])
 
 @pytest.mark.parametrize("count", [16, 18])
 def test_a_measurement_of_other_joints_is_an_error(count: int) -> None:
-    """Which stops the robot, as every error in a tick does."""
-    g, standing, other = gate(), standing_measurement(), np.ones(count)
+    """It stops the robot, as every error in a tick does."""
+    g, standing, other = active_gate(), standing_measurement(), np.ones(count)
     for wrong in (replace(standing, position=other), replace(standing, stiffness=other)):
         with pytest.raises(ValueError, match="17 joints"):
             g.watch(wrong, g.sent)
 
 
 def test_a_sensor_that_is_no_number_is_a_fault() -> None:
-    g = gate()
+    g = active_gate()
     g.watch(displaced("HipRoll", np.nan)(standing_measurement()), g.sent)
     assert_fault(g, FaultReason.SENSOR, ROBOT.joint_names[2])
 
 
 def test_a_joint_far_from_its_command_is_a_fault_after_a_while() -> None:
-    g = gate()
+    g = active_gate()
     far = displaced("LShoulderRoll", SAFETY.following_error + 0.1)(standing_measurement())
     near = standing_measurement()
     ticks = round(SAFETY.following_error_time / ROBOT.cycle)
@@ -333,7 +351,7 @@ def test_a_joint_far_from_its_command_is_a_fault_after_a_while() -> None:
 
 
 def test_a_joint_without_stiffness_may_be_moved_by_hand() -> None:
-    g = gate()
+    g = active_gate()
     soft = Command(position=STAND, stiffness=np.zeros(17), wheel_speed=STILL)
     for _ in range(200):
         g.watch(displaced("LShoulderRoll", 1.0)(standing_measurement()), soft)
@@ -342,8 +360,7 @@ def test_a_joint_without_stiffness_may_be_moved_by_hand() -> None:
 
 @pytest.mark.parametrize("ramp", [SAFETY.stiffness_ramp, 0.5])
 def test_stiffness_changes_by_a_ramp_between_nothing_and_all(ramp: float) -> None:
-    g = SafetyGate(ROBOT, replace(SAFETY, stiffness_ramp=ramp), CONTROLLER)
-    g.activate(STAND)
+    g = active_gate(stiffness_ramp=ramp)
     for requested, expected in ((-3.0, 0.0), (3.0, 1.0)):
         before = g.sent.stiffness[0]
         steps = [
@@ -355,7 +372,7 @@ def test_stiffness_changes_by_a_ramp_between_nothing_and_all(ramp: float) -> Non
 
 
 def test_an_inactive_gate_lets_nothing_through() -> None:
-    g = SafetyGate(ROBOT, SAFETY, CONTROLLER)
+    g = new_gate()
     assert g.state is RobotState.INACTIVE
     assert g.sent.wheel_speed.shape == (3,)
     gated = g.gate(reference(STAND + 0.01), ONES, np.ones(3), 0.0)
@@ -364,7 +381,7 @@ def test_an_inactive_gate_lets_nothing_through() -> None:
 
 
 def test_a_gate_that_is_activated_again_remembers_nothing_of_the_run_before() -> None:
-    g = gate()
+    g = active_gate()
     speeds, pressed_bumper = np.full(3, 0.03), pressed("bumpers")(standing_measurement())
     far = displaced("LShoulderRoll", SAFETY.following_error + 0.1)(standing_measurement())
     assert not g.gate(reference(STAND), ONES, speeds, 0.0).wheels_limited
@@ -379,7 +396,9 @@ def test_a_gate_that_is_activated_again_remembers_nothing_of_the_run_before() ->
     g.activate(STAND)
     assert g.base_stopped == ""
     # From rest the base takes its time, and the joint that was far counts from the start.
-    begun = [h.gate(reference(STAND), ONES, np.full(3, 9.0), 0.0).command for h in (g, gate())]
+    begun = [
+        h.gate(reference(STAND), ONES, np.full(3, 9.0), 0.0).command for h in (g, active_gate())
+    ]
     np.testing.assert_array_equal(begun[0].wheel_speed, begun[1].wheel_speed)
     g.watch(far, g.sent)
     g.watch(soft, g.sent)
@@ -387,14 +406,14 @@ def test_a_gate_that_is_activated_again_remembers_nothing_of_the_run_before() ->
 
 
 def test_a_gate_is_activated_once() -> None:
-    g = gate()
+    g = active_gate()
     with pytest.raises(StateError, match="from active to active"):
         g.activate(STAND)
     assert g.state is RobotState.ACTIVE
 
 
 def test_wheels_start_and_turn_round_no_faster_than_the_base_may_and_keep_the_direction() -> None:
-    g = gate()
+    g = active_gate()
     wanted = ROBOT.wheels.matrix @ np.array([0.2, 0.1, 0.0])
     base = ROBOT.limits.base
     limits = np.array(
@@ -420,7 +439,7 @@ def test_wheels_start_and_turn_round_no_faster_than_the_base_may_and_keep_the_di
 @pytest.mark.parametrize("wheel", [0, 1, 2])
 @pytest.mark.parametrize("excess", [0.01, 0.5, 30.0])
 def test_wheels_turn_no_faster_than_they_may(wheel: int, excess: float) -> None:
-    g = gate()
+    g = active_gate()
     wanted = np.roll([1.0, -0.5, 0.25], wheel) * (ROBOT.wheels.speed_limit + excess)
     for _ in range(600):
         sent = g.gate(reference(STAND), ONES, wanted, 0.0).command.wheel_speed
@@ -436,7 +455,7 @@ def test_no_wheel_starts_at_once(wheels: tuple[int, ...], sign: float) -> None:
     linear, angular = base.linear_acceleration, base.angular_acceleration
     most = np.abs(ROBOT.wheels.matrix) @ np.array([linear, linear, angular]) * ROBOT.cycle
     wanted = sign * np.array(wheels, dtype=np.float64)
-    sent = gate().gate(reference(STAND), ONES, wanted, 0.0).command.wheel_speed
+    sent = active_gate().gate(reference(STAND), ONES, wanted, 0.0).command.wheel_speed
     assert (np.abs(sent) <= SAFETY.acceleration_margin * most + 1e-12).all()
     assert (sent * wanted >= 0.0).all()
     assert sent.any()
@@ -446,7 +465,7 @@ def test_no_wheel_starts_at_once(wheels: tuple[int, ...], sign: float) -> None:
 def test_while_a_bumper_is_pressed_wheels_stand_and_then_start_anew(
     wheels: tuple[float, ...],
 ) -> None:
-    g, wanted = gate(), np.array(wheels, dtype=np.float64)
+    g, wanted = active_gate(), np.array(wheels, dtype=np.float64)
     for _ in range(20):
         g.gate(reference(STAND), ONES, np.array([0.4, -0.3, 0.5]), 0.0)
     g.watch(pressed("bumpers")(standing_measurement()), g.sent)
@@ -458,9 +477,9 @@ def test_while_a_bumper_is_pressed_wheels_stand_and_then_start_anew(
         assert g.base_stopped
         g.watch(standing_measurement(), g.sent)
     assert g.base_stopped == ""
-    begun = [h.gate(reference(STAND), ONES, 9.0 * wanted, 0.0).command for h in (g, gate())]
+    begun = [h.gate(reference(STAND), ONES, 9.0 * wanted, 0.0).command for h in (g, active_gate())]
     np.testing.assert_array_equal(begun[0].wheel_speed, begun[1].wheel_speed)
 
 
 def test_wheels_that_stand_share_a_command_that_nobody_writes_to() -> None:
-    assert not gate().hold().wheel_speed.flags.writeable
+    assert not active_gate().hold().wheel_speed.flags.writeable

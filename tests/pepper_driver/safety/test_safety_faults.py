@@ -13,12 +13,7 @@ import pytest
 from pepper_driver import Pepper
 from pepper_driver.backends import Measurement
 from pepper_driver.backends.mock import MockBackend
-from pepper_driver.config import (
-    ConfigError,
-    load_controller_settings,
-    load_robot,
-    load_safety_settings,
-)
+from pepper_driver.config import ConfigError, load_safety_settings
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.loading import package_file
 from pepper_driver.controller import WholeBodyController
@@ -26,10 +21,8 @@ from pepper_driver.loop import Loop
 from pepper_driver.reflexes import Arbiter
 from pepper_driver.safety import FaultError, FaultReason, NotReadyError, RobotState, SafetyGate
 from pepper_driver.testing import aged, displaced, drained, heated, pressed, standing_measurement
+from support.safety import CONTROLLER, ROBOT, SAFETY, active_gate, new_gate
 
-ROBOT = load_robot()
-SAFETY = load_safety_settings()
-CONTROLLER = load_controller_settings(ROBOT)
 BEGIN = 60
 """Tick at which the harm is done; arm and wheels move then."""
 
@@ -43,7 +36,7 @@ def drive(
 ) -> tuple[Loop, SafetyGate]:
     """Drive an arm and the wheels for a number of ticks; harm from tick BEGIN on. ``seen`` is told each reference."""
     controller = WholeBodyController(ROBOT, CONTROLLER)
-    gate = SafetyGate(ROBOT, SAFETY, CONTROLLER)
+    gate = new_gate()
     backend.open()
     first = backend.activate()
     start = first.position
@@ -196,14 +189,11 @@ def test_a_bumper_that_cannot_be_read_and_an_open_charging_flap_stop_the_base() 
 
 
 def test_the_chest_button_can_be_switched_off_and_must_be_read_otherwise() -> None:
-    off = replace(SAFETY, chest_button=False)
     measurement = pressed("buttons")(standing_measurement())
-    gate = SafetyGate(ROBOT, off, CONTROLLER)
-    gate.activate(measurement.position)
+    gate = active_gate(chest_button=False)
     gate.watch(measurement, gate.sent)
     assert gate.state is RobotState.ACTIVE
-    gate = SafetyGate(ROBOT, SAFETY, CONTROLLER)
-    gate.activate(measurement.position)
+    gate = active_gate()
     gate.watch(replace(measurement, buttons=np.array([np.nan])), gate.sent)
     assert gate.fault is not None
     assert gate.fault.reason is FaultReason.SENSOR
@@ -212,9 +202,8 @@ def test_the_chest_button_can_be_switched_off_and_must_be_read_otherwise() -> No
 def test_what_cannot_be_read_is_said_once_and_stops_nothing(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    gate = SafetyGate(ROBOT, SAFETY, CONTROLLER)
+    gate = active_gate()
     measurement = heated("HipRoll", np.nan)(drained(np.nan)(standing_measurement()))
-    gate.activate(measurement.position)
     with caplog.at_level(logging.WARNING):
         for _ in range(400):
             gate.watch(measurement, gate.sent)
@@ -225,9 +214,8 @@ def test_what_cannot_be_read_is_said_once_and_stops_nothing(
 
 
 def test_the_motor_that_is_too_hot_is_named_not_one_that_is_warm() -> None:
-    gate = SafetyGate(ROBOT, SAFETY, CONTROLLER)
+    gate = active_gate()
     measurement = heated("RHand", 70.0)(heated("HeadYaw", 80.0)(standing_measurement()))
-    gate.activate(measurement.position)
     for _ in range(400):
         gate.watch(measurement, gate.sent)
     assert gate.fault is not None
@@ -275,7 +263,7 @@ def test_a_robot_that_is_not_fit_is_not_activated(
 
 
 def test_all_reasons_are_told_at_once() -> None:
-    gate = SafetyGate(ROBOT, SAFETY, CONTROLLER)
+    gate = new_gate()
     measurement = drained(0.02)(heated("HipPitch", 90.0)(standing_measurement()))
     with pytest.raises(NotReadyError) as caught:
         gate.check_ready(measurement)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +13,7 @@ from pepper_driver.backends.selection import parse_uri
 from pepper_driver.config import load_robot
 from pepper_driver.log import read_log
 from pepper_driver.viewer.host import Host, HostedRun, default_gains, make_gained_reflexes
+from support.waiting import PATIENCE, wait_until
 
 RESTART: dict[str, Any] = {
     "plant": "worn",
@@ -25,13 +24,6 @@ RESTART: dict[str, Any] = {
 
 class Enough(Exception):
     """Ends a host."""
-
-
-def wait_for(what: Callable[[], bool]) -> None:
-    end = time.monotonic() + 30.0
-    while not what():
-        assert time.monotonic() < end
-        time.sleep(0.02)
 
 
 def run_in_thread(host: Host, runs: int) -> tuple[threading.Thread, list[Pepper]]:
@@ -53,19 +45,27 @@ def run_in_thread(host: Host, runs: int) -> tuple[threading.Thread, list[Pepper]
 
 
 @pytest.mark.realtime
-def test_it_begins_anew_with_what_the_page_chose(tmp_path: Path) -> None:
+def test_it_begins_anew_with_what_the_page_chose(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     log = tmp_path / "run.mcap"
     host = Host(HostedRun(uri="mujoco://?seed=4", log=log, reflexes={"comply": {}}))
     thread, begun = run_in_thread(host, 2)
-    wait_for(lambda: bool(begun) and begun[0].state.value == "active")
+    assert wait_until(lambda: bool(begun) and begun[0].state.value == "active")
     host.perform("restart", RESTART)
-    wait_for(lambda: len(begun) == 2 and begun[1].state.value == "active")
+    assert wait_until(lambda: len(begun) == 2 and begun[1].state.value == "active")
     assert begun[0].state.value == "inactive"
-    begun[1].emergency_stop("enough")  # a stop waits for the page to start again
-    time.sleep(0.5)
-    assert thread.is_alive()
+    next_run, waiting = host._next_run, threading.Event()
+
+    def wait_for_the_page() -> HostedRun:
+        waiting.set()
+        return next_run()
+
+    monkeypatch.setattr(host, "_next_run", wait_for_the_page)
+    begun[1].emergency_stop("enough")
+    assert waiting.wait(PATIENCE)
     host.perform("restart", RESTART)
-    thread.join(30.0)
+    thread.join(PATIENCE)
     assert not thread.is_alive()
     first, second = read_log(log), read_log(tmp_path / "run_2.mcap")
     assert "worn" in second.metadata["backend"]
@@ -86,11 +86,11 @@ def test_draw_and_day_are_of_their_plant(plant: str, kept: dict[str, str]) -> No
 def test_it_plays_what_the_page_asks_for() -> None:
     host = Host(HostedRun(uri="mujoco", observer=None))
     _, begun = run_in_thread(host, 1)
-    wait_for(lambda: bool(begun) and begun[0].state.value == "active")
+    assert wait_until(lambda: bool(begun) and begun[0].state.value == "active")
     steps: list[str] = []
     begun[0].on_step()(lambda event: steps.append(event.step))
     host.perform("play", {"name": "wave"})
-    wait_for(lambda: bool(steps))
+    assert wait_until(lambda: bool(steps))
     begun[0].emergency_stop("enough")
     host.perform("restart", RESTART)
 

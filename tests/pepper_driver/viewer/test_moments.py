@@ -65,7 +65,7 @@ def test_contacts_are_those_known_at_a_moment(touched: Moments, moment: float) -
 
 
 def test_true_forces_are_there_while_something_pushes(touched: Moments) -> None:
-    """Those of the truth that the posture of the base is from too."""
+    """Forces of the truth that the posture of the base is from too."""
     assert touched.log.truth is not None
     rows = range(len(touched.log["time"]))
     pushed = {row: touched.picture(row).forces for row in rows if touched.picture(row).forces}

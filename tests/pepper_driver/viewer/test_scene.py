@@ -1,4 +1,4 @@
-"""Where the mouse meets the robot, and where the robot is: closed forms, and the truth of the simulation."""
+"""Places of the mouse on the robot, and of the robot: closed forms, and the truth of the simulation."""
 
 from __future__ import annotations
 

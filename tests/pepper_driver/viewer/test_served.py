@@ -39,7 +39,7 @@ def served(naoqi: VirtualNaoqi) -> Iterator[ServedRobot]:
 
 
 def picture_of(server: TelemetryServer) -> tuple[dict[str, Any], Picture]:
-    """What a new listener is told, and the first picture it gets."""
+    """Greeting of a new listener, and the first picture it gets."""
     decoder = row = about = None
     with TelemetryClient(server.address, server.token) as client:
         end = time.monotonic() + 20.0

@@ -1,7 +1,6 @@
-"""The ledger of the test split: lines, draws, and commits of real repositories."""
+"""The ledger of the test split: its lines, the draws, and looks that other branches have."""
 
 import math
-import subprocess
 import threading
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta, timezone
@@ -14,7 +13,6 @@ from pepper_driver.config import cluster, load_observer_settings
 from pepper_driver.config.evaluation_baselines import load_evaluation_baselines
 from pepper_driver.config.file_lock import InUseError, lock_file
 from pepper_driver.evaluation.touch import ledger as module
-from pepper_driver.evaluation.touch.commit import CommitError, check_clean, check_resumed
 from pepper_driver.evaluation.touch.ledger import (
     COLUMNS,
     Figures,
@@ -31,6 +29,7 @@ from pepper_driver.evaluation.touch.ledger import (
     read_ledger,
     update_look,
 )
+from support.repositories import git, make_repository
 
 BEGUN = datetime(2026, 3, 1, 20, 15, 30, tzinfo=UTC)
 ENDED = BEGUN + timedelta(hours=11)
@@ -280,99 +279,12 @@ def test_hashes_cover_code_and_settings_apart(
     assert constants_hash() in hashes  # a reason in words changes no figure
 
 
-# -- commits ----------------------------------------------------------------------------------------------------------
+# -- branches ---------------------------------------------------------------------------------------------------------
 
 
-def git(folder: Path, *arguments: str) -> str:
-    name = ["-c", "user.name=someone", "-c", "user.email=someone@example.org"]
-    done = subprocess.run(
-        ["git", *name, *arguments], cwd=folder, check=True, capture_output=True, text=True
-    )
-    return done.stdout.strip()
-
-
-def commit(repository: Path, name: str, text: str) -> str:
-    file = repository / name
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(text)
-    git(repository, "add", "-A")
-    git(repository, "commit", "-q", "-m", name)
-    return git(repository, "rev-parse", "HEAD")
-
-
-@pytest.fixture
-def repository(tmp_path: Path) -> Path:
-    folder = tmp_path / "repository"
-    folder.mkdir()
-    git(folder, "init", "-q")
-    commit(folder, ".gitignore", "/runs/\n")
-    commit(folder, "code.py", "1\n")
-    return folder
-
-
-def allowed(repository: Path, look: int = 1) -> list[Path]:
-    path = repository / "docs" / "results" / "ledger.csv"
-    return [path, look_folder(path, look)]
-
-
-def test_a_clean_commit_but_for_the_ledger_and_own_results(repository: Path) -> None:
-    head = git(repository, "rev-parse", "HEAD")
-    begin(repository / "docs" / "results" / "ledger.csv")
-    results = look_folder(repository / "docs" / "results" / "ledger.csv", 1)
-    (results / "parts").mkdir(parents=True)
-    (results / "parts" / "robot 100.gz").write_text("")
-    (repository / "runs").mkdir()
-    (repository / "runs" / "ignored").write_text("")
-    assert check_clean(repository, allowed(repository)) == head
-    assert check_clean(repository / "docs", allowed(repository)) == head
-    # Of a look with another number they are not its own, and a name that only begins alike is none of them.
-    with pytest.raises(CommitError, match=r"look-1/parts/robot 100.gz; commit them"):
-        check_clean(repository, allowed(repository, 2))
-    (results.parent / "look-10").mkdir()
-    (results.parent / "look-10" / "other").write_text("")
-    with pytest.raises(
-        CommitError, match=r"these files differ from it: docs/results/look-10/other;"
-    ):
-        check_clean(repository, allowed(repository))
-
-
-def test_a_dirty_work_tree_is_named(repository: Path) -> None:
-    for name in "abcdefg":
-        (repository / f"{name}.py").write_text("new")
-    with pytest.raises(CommitError, match=r": a.py, b.py, c.py, d.py, e.py and 2 more; commit"):
-        check_clean(repository, allowed(repository))
-    git(repository, "clean", "-q", "-f")
-    (repository / "code.py").write_text("2\n")
-    with pytest.raises(CommitError, match=r": code.py; commit"):
-        check_clean(repository, allowed(repository))
-    git(repository, "add", "code.py")
-    with pytest.raises(CommitError, match=r": code.py; commit"):
-        check_clean(repository, allowed(repository))
-    git(repository, "reset", "-q", "--hard")
-    # Moved into what is allowed: what was moved away is missing all the same.
-    allowed(repository)[0].parent.mkdir(parents=True)
-    git(repository, "mv", "code.py", "docs/results/ledger.csv")
-    with pytest.raises(CommitError, match=r": code.py; commit"):
-        check_clean(repository, allowed(repository))
-
-
-def test_a_look_is_resumed_from_its_own_commit_or_one_after_it(repository: Path) -> None:
-    own = git(repository, "rev-parse", "HEAD")
-    check_resumed(repository, own)
-    commit(repository, "docs/results/ledger.csv", "a line\n")
-    check_resumed(repository, own)
-    git(repository, "checkout", "-q", "--orphan", "other")
-    git(repository, "commit", "-qm", "another root")
-    with pytest.raises(
-        CommitError, match=rf"from commit {own[:12]}, which HEAD does not come from"
-    ):
-        check_resumed(repository, own)
-    with pytest.raises(CommitError, match="commit 123456789012, which HEAD does not come from"):
-        check_resumed(repository, "1234567890123456789012345678901234567890")
-
-
-def test_a_ledger_that_lacks_a_look_of_a_branch_is_refused(repository: Path) -> None:
-    ledger = allowed(repository)[0]
+def test_a_ledger_that_lacks_a_look_of_a_branch_is_refused(tmp_path: Path) -> None:
+    repository = make_repository(tmp_path / "repository")
+    ledger = repository / "docs" / "results" / "ledger.csv"
     check_whole(repository, ledger)
     main = git(repository, "rev-parse", "--abbrev-ref", "HEAD")
     git(repository, "branch", "before")
@@ -395,23 +307,3 @@ def test_a_ledger_that_lacks_a_look_of_a_branch_is_refused(repository: Path) -> 
     git(repository, "checkout", "-q", "before")
     with pytest.raises(LedgerError, match=f"is missing, which {main} has: 'git checkout {main} --"):
         check_whole(repository, ledger)
-
-
-def test_without_git_or_a_commit(
-    repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with pytest.raises(CommitError, match=r"no git repository, .*not a git repository"):
-        check_clean(tmp_path, [])
-    with pytest.raises(CommitError, match=r"cannot be asked \(there is no such file"):
-        check_clean(tmp_path / "nowhere", [])
-    empty = tmp_path / "empty"
-    empty.mkdir()
-    git(empty, "init", "-q")
-    with pytest.raises(CommitError, match="has no commit yet"):
-        check_clean(empty, [])
-    # As in a hook of another repository.
-    monkeypatch.setenv("GIT_DIR", str(empty / ".git"))
-    assert check_clean(repository, []) != ""
-    monkeypatch.setenv("PATH", str(empty))
-    with pytest.raises(CommitError, match="needs git"):
-        check_clean(repository, [])

@@ -16,6 +16,7 @@ from pepper_driver import Contact, FaultError, Hold, Observation, Observer, Pepp
 from pepper_driver.backends import Measurement, NotConnectedError
 from pepper_driver.backends.mock import MockBackend
 from pepper_driver.config import PepperError, load_robot
+from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.plugins import PluginInterfaceError
 from pepper_driver.controller import (
     BrakingLimits,
@@ -35,6 +36,8 @@ from pepper_driver.safety.plugins import (
     dry_run_part,
     dry_run_reflexes,
 )
+from support.events import contact
+from support.robots import make_pepper
 
 ROBOT = load_robot()
 
@@ -44,10 +47,6 @@ def line_of(function: Callable[..., object], words: str) -> str:
     lines, first = inspect.getsourcelines(function)
     (number,) = (n for n, line in enumerate(lines, first) if words in line)
     return f"{__file__.rpartition('/')[2]} line {number}"
-
-
-def make_pepper(**arguments: Any) -> Pepper:
-    return Pepper("mock", **{"observer": None, **arguments})
 
 
 def refused(call: Callable[[], object], *words: str) -> PepperError:
@@ -88,6 +87,13 @@ class Silent(Task):
             setattr(rows, name, getattr(self, f"_{name}"))
 
 
+class Narrow(Mine):
+    """With a mask of the joints alone."""
+
+    def joint_mask(self, model: RobotModel) -> FloatArray:
+        return np.ones(17)
+
+
 class Forgetful(Task):
     def __init__(self) -> None:
         self.goal = 1.0
@@ -117,6 +123,7 @@ WRONG_TASKS: list[tuple[Callable[[], Task], tuple[str, ...]]] = [
     (lambda: Silent("error"), ("'Silent' (Silent.compute", "nothing to rows.jacobian", "(1, 20)")),
     (lambda: Silent("jacobian"), ("Silent.compute", "nothing to rows.error", "(1,)")),
     (Forgetful, ("Forgetful", "super().__init__(rows")),
+    (lambda: Narrow(lambda rows: None), ("Narrow.joint_mask, ", "(20,)", "(17,)")),
 ]
 
 
@@ -181,6 +188,17 @@ class Wall(Constraint):
         return self.found  # type: ignore[no-any-return]
 
 
+class LazyWall(Wall):
+    """Fails where it is asked whether its rows are needed."""
+
+    lazy = True
+
+    def is_satisfied(
+        self, model: RobotModel, braking_limits: BrakingLimits, acceleration: FloatArray
+    ) -> bool:
+        return bool(acceleration[model.nv] > 0.0)  # beyond the last one
+
+
 def wall(matrix: Any, bound: Any, *names: str) -> Wall:
     return Wall(LinearInequality(matrix, bound, names))
 
@@ -195,7 +213,8 @@ WRONG_WALLS: list[tuple[Wall, tuple[str, ...]]] = [
     (wall(np.zeros((1, 20)), [0.0], "a"), ("bound", "(1,)", "got [0.0]")),
     (wall(np.full((1, 20), np.nan), np.zeros(1), "a"), ("no number",)),
     (Wall((np.zeros((1, 20)), np.zeros(1))), ("LinearInequality or None", "got a tuple")),
-    (Wall(ZeroDivisionError("no width")), ("ZeroDivisionError: no width", "test_plugin_check.py")),
+    (Wall(ZeroDivisionError("no width")), ("ZeroDivisionError: no width", "test_plugins.py")),
+    (LazyWall(None), (line_of(LazyWall.is_satisfied, "the last one"), "IndexError")),
 ]
 
 
@@ -247,6 +266,13 @@ class Misreading(Seeing):
         return tick.command.position  # no such field
 
 
+class Wordless(Seeing):
+    """Describes itself by what is no text."""
+
+    def describe(self) -> Any:
+        return ["seeing"]
+
+
 class TouchShy(Seeing):
     """Fails only once something touches."""
 
@@ -271,6 +297,7 @@ WRONG_OBSERVERS: list[tuple[Observer, tuple[str, ...]]] = [
     (Seeing(contacts=[]), ("contacts", "a tuple of Contact")),
     (Seeing(contacts=("LBicep",)), ("contacts", "a tuple of Contact")),
     (Misreading(), (line_of(Misreading.step, "no such field"), "Misreading.step", "'command'")),
+    (Wordless(), ("(Wordless.describe, ", "a line of text, got ['seeing']")),
     (TouchShy(), (line_of(TouchShy.step, "at a touch"), "ZeroDivisionError: touched")),
 ]
 
@@ -438,22 +465,7 @@ def test_the_fault_names_the_task_and_its_line() -> None:
 
 
 def test_the_fault_names_the_reflex_and_its_line() -> None:
-    touch = Contact(
-        id=1,
-        phase="begin",
-        kind="contact",
-        limb="left_arm",
-        joint="LShoulderRoll",
-        shown_by="LShoulderRoll",
-        link="LBicep",
-        direction=1,
-        intensity_deg=3.0,
-        torque=None,
-        torque_std=None,
-        onset_time=0.0,
-        detection_time=0.0,
-        time=0.0,
-    )
+    touch = contact(1)
     asked: list[bool] = []
 
     def request(requests: ReflexRequests) -> None:
@@ -465,7 +477,7 @@ def test_the_fault_names_the_reflex_and_its_line() -> None:
     text = faulted(pepper)
     where = line_of(Asking.act, "# here")
     package = re.escape("reflex 'asking' (Asking.act, ")
-    assert re.search(package + r"test_plugin_check\.py line \d+\): UnknownNameError", text), where
+    assert re.search(package + r"test_plugins\.py line \d+\): UnknownNameError", text), where
 
 
 class Breaking(MockBackend):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest, chi2
 
@@ -18,8 +18,8 @@ from pepper_driver.evaluation.touch.n90 import (
     recall_by_force,
     wilson_interval,
 )
-
-FORCES = (2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0)
+from support.examples import examples
+from support.touch_records import FORCES
 
 
 def drawn(
@@ -170,7 +170,7 @@ def test_text() -> None:
     assert replace(values, newtons=2.0, below=True).text == "< 2"
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     answers=st.lists(
         st.tuples(st.sampled_from(FORCES), st.booleans(), st.sampled_from("ab")),

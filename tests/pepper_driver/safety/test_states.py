@@ -1,7 +1,9 @@
 """INACTIVE, ACTIVE, FAULT: the table of transitions, kept whatever happens in whatever order."""
 
 import threading
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,25 +11,20 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from pepper_driver.backends import Measurement
-from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
 from pepper_driver.safety import (
     TRANSITIONS,
     Fault,
     FaultError,
     FaultReason,
     RobotState,
-    SafetyGate,
     StateError,
 )
 from pepper_driver.safety.states import StateMachine
 from pepper_driver.testing import aged, displaced, drained, heated, pressed, standing_measurement
 from support.examples import examples
 from support.fakes import reference
+from support.safety import STAND, new_gate
 
-ROBOT = load_robot()
-SAFETY = load_safety_settings()
-CONTROLLER = load_controller_settings(ROBOT)
-STAND = ROBOT.posture("Stand")
 FINE = standing_measurement()
 
 HARM = {
@@ -73,22 +70,46 @@ def test_the_error_of_a_fault_says_why() -> None:
     assert str(error) == "the robot was stopped: the battery is at 3%"
 
 
-def test_whoever_sees_a_fault_finds_its_reason() -> None:
-    """Stops from other threads, while the state is turned on and off."""
-    for _ in range(50):
-        machine, fault = StateMachine(), Fault(reason=FaultReason.EMERGENCY_STOP, text="stop")
-        thread = threading.Thread(target=machine.fail, args=(fault,))
+class Noted(StateMachine):
+    """Calls ``before`` with each new state, just before it is set."""
+
+    before: Callable[[RobotState], object] | None = None
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name == "state" and self.before is not None:
+            self.before(value)
+        super().__setattr__(name, value)
+
+
+def test_the_reason_of_a_fault_is_there_before_the_state() -> None:
+    """So that each thread that sees FAULT finds it."""
+    machine, fault = Noted(), Fault(reason=FaultReason.EMERGENCY_STOP, text="stop")
+    found: list[tuple[RobotState, Fault | None]] = []
+    machine.before = lambda state: found.append((state, machine.fault))
+    machine.fail(fault)
+    assert found == [(RobotState.FAULT, fault)]
+
+
+def test_a_fault_is_not_overwritten_by_a_transition_that_began_before_it() -> None:
+    """Another thread cannot fail while one is between the check and the new state: it waits for its lock."""
+    machine, free = Noted(), list[bool]()
+
+    def try_lock() -> None:
+        free.append(machine._lock.acquire(blocking=False))
+        if free[-1]:
+            machine._lock.release()
+
+    def look_from_another_thread(_: RobotState) -> None:
+        thread = threading.Thread(target=try_lock)
         thread.start()
-        while machine.state is not RobotState.FAULT:
-            machine.deactivate()
-            try:
-                machine.activate()
-            except StateError:
-                pass
-            except FaultError as error:
-                assert error.fault is fault
-        assert machine.fault is fault
         thread.join()
+
+    machine.before = look_from_another_thread
+    machine.activate()
+    machine.deactivate()
+    machine.fail(Fault(reason=FaultReason.EMERGENCY_STOP, text="stop"))
+    assert free == [False, False, False]
+    assert machine.state is RobotState.FAULT
 
 
 class GateLife(RuleBasedStateMachine):
@@ -96,7 +117,7 @@ class GateLife(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.gate = SafetyGate(ROBOT, SAFETY, CONTROLLER)
+        self.gate = new_gate()
         self.state = RobotState.INACTIVE
         self.reason: FaultReason | None = None
 

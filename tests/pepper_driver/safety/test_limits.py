@@ -8,21 +8,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
 from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.controller import WholeBodyController
 from pepper_driver.safety import RobotState, SafetyGate
 from pepper_driver.safety.limits import joint_limits, limit_joints
 from support.examples import examples
 from support.fakes import reference
+from support.safety import CONTROLLER, ROBOT, SAFETY, STAND, active_gate
 
-ROBOT = load_robot()
-SAFETY = load_safety_settings()
-CONTROLLER = load_controller_settings(ROBOT)
-STAND = ROBOT.posture("Stand")
 CYCLE = ROBOT.cycle
 SPEED = SAFETY.speed_margin * CONTROLLER.joint_velocity(ROBOT)
-ACCELERATION = SAFETY.acceleration_margin * CONTROLLER.joint_acceleration(ROBOT)
+CHANGE = SAFETY.acceleration_margin * CONTROLLER.joint_acceleration(ROBOT) * CYCLE**2
+"""[rad] Of a step, from one command to the next."""
 CLOSE = 1e-7
 """[rad] Sum of the roundings in one command."""
 
@@ -57,20 +54,20 @@ def references(draw: st.DrawFn) -> list[tuple[Any, Any, Any, float]]:
     return ticks
 
 
-def way_to_rest(step: FloatArray) -> FloatArray:
-    """(17,) how far joints still go after (17,) steps when each step from now on is smaller by what braking allows."""
-    size, change = np.abs(step), ACCELERATION * CYCLE**2
+def way_to_rest(step: FloatArray, change: FloatArray = CHANGE) -> FloatArray:
+    """(n,) way that joints still go after (n,) steps, of which each following one is smaller by ``change`` (n,)."""
+    size = np.abs(step)
     n = np.floor(size / change)
     way: FloatArray = n * size - change * n * (n + 1) / 2
     return way
 
 
 def test_the_way_to_rest() -> None:
-    step, ways = 5.3 * ACCELERATION * CYCLE**2, []
+    step, ways = 5.3 * CHANGE, []
     while step[0] > 0:
-        step = step - ACCELERATION * CYCLE**2
+        step = step - CHANGE
         ways.append(np.maximum(step, 0.0))
-    np.testing.assert_allclose(way_to_rest(-5.3 * ACCELERATION * CYCLE**2), np.sum(ways, axis=0))
+    np.testing.assert_allclose(way_to_rest(-5.3 * CHANGE), np.sum(ways, axis=0))
 
 
 @examples(60)
@@ -78,9 +75,7 @@ def test_the_way_to_rest() -> None:
 def test_nothing_outside_the_limits_ever_leaves(
     ticks: list[tuple[Any, Any, Any, float]], share: float
 ) -> None:
-    g = SafetyGate(ROBOT, SAFETY, CONTROLLER)
-    start = ROBOT.lower + share * (ROBOT.upper - ROBOT.lower)
-    g.activate(start)
+    g = active_gate(ROBOT.lower + share * (ROBOT.upper - ROBOT.lower))
     before, step = g.sent, np.zeros(17)
     for position, stiffness, wheels, age in ticks:
         with np.errstate(over="ignore", invalid="ignore"):
@@ -102,7 +97,7 @@ def test_nothing_outside_the_limits_ever_leaves(
         else:
             now = sent.position - before.position
             assert (np.abs(now) <= SPEED * CYCLE + CLOSE).all()
-            assert (np.abs(now - step) <= ACCELERATION * CYCLE**2 + CLOSE).all()
+            assert (np.abs(now - step) <= CHANGE + CLOSE).all()
             # it can still stop
             way = way_to_rest(now)
             room = np.where(now > 0, ROBOT.upper - sent.position, sent.position - ROBOT.lower)
@@ -170,9 +165,7 @@ def test_small_steps_stay_within_the_limits_of_speed_and_acceleration(
             assert (np.abs(now - step) <= change + CLOSE).all()
             room = np.where(now > 0, upper - joints.position, joints.position)
             assert (room >= 0.0).all()
-            size = np.abs(now)
-            ticks = np.floor(size / change)
-            assert (ticks * size - change * ticks * (ticks + 1) / 2 <= room + CLOSE).all()
+            assert (way_to_rest(now, change) <= room + CLOSE).all()
             step = now
 
 
@@ -234,7 +227,7 @@ def test_a_joint_that_runs_into_its_limit_at_a_lawful_speed_is_braked_in_time() 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("ticks", [1, 7, 20])
 def test_what_is_exactly_at_the_limits_is_not_limited(ticks: int, sign: float) -> None:
-    """Of acceleration, then of speed; what is beyond them is."""
+    """Steps at the limit of acceleration, then of speed; those beyond are limited."""
     joints, step = a_joint(2.0, 1.0), 0.0
     for _ in range(ticks):
         step = min(step + 10.0 * 0.01**2, 0.02)

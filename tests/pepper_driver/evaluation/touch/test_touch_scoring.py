@@ -7,41 +7,28 @@ from typing import Any
 import pytest
 
 from pepper_driver.config import UnknownNameError
-from pepper_driver.config.touch_suites import load_touch_suites
-from pepper_driver.evaluation.touch.kinds import true_kinds
 from pepper_driver.evaluation.touch.records import (
     Heard,
     Hearing,
-    RobotRecord,
     Take,
     TorqueEstimate,
     Touched,
 )
 from pepper_driver.evaluation.touch.scoring import TakeScore, heard, score_robot, score_take
 from support.evaluation import ROBOT, contact
+from support.touch_records import robot, take, touched
 
 LIMBS = tuple(ROBOT.limbs)
 SECONDS = 40.0
 SHOULDER, ELBOW, WRIST = "LShoulderRoll", "LElbowRoll", "LWristYaw"
 
 
+TORQUE = {SHOULDER: -2.0, ELBOW: 1.5, WRIST: 0.2, "LElbowYaw": 0.5}
+
+
 def touch(onset: float, release: float, **changes: Any) -> Touched:
     """A touch on the left arm that turns its shoulder most, its elbow a little less, its wrist hardly."""
-    values: dict[str, Any] = {
-        "row": "n90",
-        "place": "forearm",
-        "limb": "left_arm",
-        "link": "l_forearm",
-        "asked": 8.0,
-        "force": 8.0,
-        "rise": 0.1,
-        "onset": onset,
-        "release": release,
-        "torque": {SHOULDER: -2.0, ELBOW: 1.5, WRIST: 0.2, "LElbowYaw": 0.5},
-        "friction_bound": None,
-        "moving": False,
-    }
-    return Touched(**{**values, **changes})
+    return touched(onset, "forearm", **{"release": release, "torque": TORQUE, **changes})
 
 
 def event(number: int, phase: str, time: float, limb: str = "left_arm", **changes: Any) -> Heard:
@@ -51,22 +38,14 @@ def event(number: int, phase: str, time: float, limb: str = "left_arm", **change
     return Heard(id=number, phase=phase, time=time, limb=limb, **values)  # type: ignore[arg-type]
 
 
-def take(touches: Sequence[Touched], events: Sequence[Heard], **hearing: Any) -> Take:
-    return Take(
-        suite="touch" if touches else "free",
-        state="standing",
-        number=3,
-        day=None,
-        seed=7,
-        start=0.0,
-        end=SECONDS,
-        touches=tuple(touches),
-        hearings={"ours": Hearing(events=tuple(events), **hearing)},
-    )
+def heard_take(touches: Sequence[Touched], events: Sequence[Heard], **hearing: Any) -> Take:
+    """A take that is free without touches."""
+    hearings = {"ours": Hearing(events=tuple(events), **hearing)}
+    return take(touches, hearings, suite="touch" if touches else "free", seconds=SECONDS)
 
 
 def scored(touches: Sequence[Touched], events: Sequence[Heard], **hearing: Any) -> TakeScore:
-    return score_take(take(touches, events, **hearing), "ours", LIMBS)
+    return score_take(heard_take(touches, events, **hearing), "ours", LIMBS)
 
 
 def begins(*times: float, **changes: Any) -> list[Heard]:
@@ -360,92 +339,6 @@ def test_events_without_a_begin_are_left_out() -> None:
 
 # -- kinds ------------------------------------------------------------------------------------------------------------
 
-ROWS = {
-    "even": ("push", "push"),
-    "along the axis": ("push", "push"),
-    "tap of 0.1 s": ("tap", "collision"),
-    "tap of 0.2 s": ("tap", "collision"),
-    "touch of 0.5 s": ("push", "push"),
-    "touch of 2 s": (None, None),
-    "hold of 6 s": ("hold", "hold"),
-    "rise of 20 ms": ("push", "collision"),
-    "rise of 50 ms": ("push", "collision"),
-    "rise of 0.3 s": ("push", "push"),
-    "three quick taps": ("tap", "collision"),
-    "grip that holds": (None, None),
-    "grip that pulls": (None, None),
-    "grip that follows": (None, None),
-    "handshake": ("grip", "grip"),
-    "leading by the hand": (None, None),
-    "holding hands while driving": (None, None),
-    "hug": ("hold", "hold"),
-    "object handed over and taken away": (None, None),
-    "two touches on one limb": ("push", "push"),
-    "two touches on two limbs": ("push", "push"),
-    "since before the start": ("hold", "hold"),
-    "table met in motion": (None, None),
-}
-"""By row, true kinds of a touch with 8 and 20 N, alone on its limb."""
-
-
-def test_every_row_of_the_suites_has_its_kinds() -> None:
-    found = {}
-    for row in load_touch_suites(ROBOT).rows:
-        rise = row.rise if row.forces else None
-        found[row.name] = tuple(
-            true_kinds(
-                take([touch(10.0, 10.0 + row.duration, row=row.name, rise=rise, force=force)], [])
-            )[0]
-            for force in (8.0, 20.0)
-        )
-    assert found == ROWS
-
-
-@pytest.mark.parametrize(
-    ("seconds", "changes", "kind"),
-    [
-        (0.24, {}, "tap"),
-        (0.26, {}, None),
-        (0.44, {}, None),
-        (0.46, {}, "push"),
-        (1.89, {}, "push"),
-        (1.91, {}, None),
-        (2.11, {}, "hold"),
-        (1.0, {"rise": 0.05, "force": 15.0}, "collision"),
-        (1.0, {"rise": 0.05, "force": 14.9}, "push"),
-        (1.0, {"rise": 0.06, "force": 30.0}, "push"),
-        (1.0, {"rise": None, "force": 30.0}, None),
-        # A label may be longer than its touch.
-        (0.24, {"row": "log", "rise": None, "force": None}, "tap"),
-        (0.64, {"row": "log", "rise": None, "force": None}, None),
-        (0.66, {"row": "log", "rise": None, "force": 30.0}, "push"),
-        (2.29, {"row": "log", "rise": None, "force": None}, None),
-        (2.31, {"row": "log", "rise": None, "force": None}, "hold"),
-        # It was not ended.
-        (SECONDS - 10.0, {"row": "log", "rise": None, "force": None}, None),
-    ],
-)
-def test_the_true_kind_follows_from_time_and_rise(
-    seconds: float, changes: dict[str, Any], kind: str | None
-) -> None:
-    assert true_kinds(take([touch(10.0, 10.0 + seconds, **changes)], [])) == (kind,)
-
-
-def test_true_kinds_of_touches_near_others() -> None:
-    def taps(*onsets: float, **changes: Any) -> list[Touched]:
-        return [touch(onset, onset + 0.1, **changes) for onset in onsets]
-
-    def kinds(*touches: Touched) -> tuple[str | None, ...]:
-        return true_kinds(take(touches, []))
-
-    assert kinds(*taps(10.0, 10.4, 10.8, 11.2)) == ("tap", "double tap", None, None)
-    assert kinds(*taps(10.0, 10.89)) == ("tap", "double tap")
-    assert kinds(*taps(10.0, 10.91)) == ("tap", "tap")
-    assert kinds(touch(10.0, 11.0), *taps(11.4)) == ("push", "tap")
-    assert kinds(*taps(10.0), *taps(10.4, limb="head")) == ("tap", "tap")
-    pair = touch(10.0, 11.0), touch(10.5, 11.5), touch(10.6, 11.1, limb="head")
-    assert kinds(*pair) == (None, None, "push")
-
 
 def test_the_kind_is_the_last_one_of_the_contact_that_told_the_touch() -> None:
     touches = [touch(10.0, 10.1), touch(15.0, 16.0), touch(20.0, 23.0), touch(30.0, 31.0)]
@@ -499,19 +392,8 @@ def test_a_grip_is_told_by_a_contact_of_its_own(
 # -- failures ---------------------------------------------------------------------------------------------------------
 
 
-def record(takes: Sequence[Take], failure: str = "") -> RobotRecord:
-    return RobotRecord(
-        robot="random 7",
-        draw=7,
-        law="nominal",
-        identity="abc",
-        failure=failure,
-        takes=tuple(takes),
-    )
-
-
 def test_failures_are_counted() -> None:
-    good = take([touch(10.0, 11.0)], begins(10.1, 20.0))
+    good = heard_take([touch(10.0, 11.0)], begins(10.1, 20.0))
     tipped = replace(
         good,
         failure="tipped over",
@@ -519,13 +401,13 @@ def test_failures_are_counted() -> None:
         hearings={},
         planned=(("n90", "forearm", 30.0), ("n90", "hand", 30.0)),
     )
-    result = score_robot(record([good, tipped]), "ours", LIMBS)
+    result = score_robot(robot(good, tipped), "ours", LIMBS)
     assert (len(result.takes), result.failed_takes, result.failed_touches) == (1, 1, 2)
     assert (result.takes[0].touches[0].felt, result.takes[0].false_begins) == (True, 1)
 
     # Its owner has no observer: nothing is felt, and no hours count.
     unheard = replace(good, hearings={})
-    owner = score_robot(record([unheard, tipped], "no fit"), "ours", LIMBS)
+    owner = score_robot(robot(unheard, tipped, failure="no fit"), "ours", LIMBS)
     broken = scored([touch(10.0, 11.0)], begins(10.1), failure="it stopped")
     assert (owner.failure, owner.failed_takes) == ("no fit", 1)
     for score, reason in ((owner.takes[0], "no fit"), (broken, "it stopped")):
@@ -535,7 +417,7 @@ def test_failures_are_counted() -> None:
     with pytest.raises(UnknownNameError, match="observer 'ous'"):
         score_take(good, "ous", LIMBS)
     with pytest.raises(UnknownNameError):
-        score_robot(record([unheard]), "ours", LIMBS)
+        score_robot(robot(unheard), "ours", LIMBS)
 
 
 def test_callbacks_get_what_is_new() -> None:

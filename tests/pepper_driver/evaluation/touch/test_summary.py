@@ -19,27 +19,18 @@ from pepper_driver.evaluation.touch.summary import (
     summarise_touch,
 )
 from pepper_driver.evaluation.touch.summary_data import (
-    ObserverSummary,
     Quantiles,
     Share,
     TouchSummary,
 )
 from support.evaluation import ROBOT
-from support.touch_records import FORCES, drawn_robot, robot, take, told, touched
-
-OURS = "fusion"
+from support.touch_records import FORCES, OURS, drawn_robot, ours, robot, take, told, touched
 
 
 def summed(
     *records: RobotRecord, observers: tuple[str, ...] = (OURS,), **more: Any
 ) -> TouchSummary:
     return summarise_touch(records, observers, ROBOT, **more)
-
-
-def ours(summary: TouchSummary) -> ObserverSummary:
-    observer = summary.observer(OURS)
-    assert observer is not None
-    return observer
 
 
 def felt_from(least: float, delay: float, *, place: str = "hand", **changes: Any) -> Any:

@@ -24,9 +24,7 @@ from pepper_driver.evaluation.touch.summary import summarise_touch
 from pepper_driver.evaluation.touch.summary_data import Forces, ObserverSummary, TouchSummary
 from pepper_driver.observer import Contact
 from support.evaluation import ROBOT, Script, contact, recording
-from support.touch_records import robot, take, told, touched
-
-OURS = "fusion"
+from support.touch_records import OURS, ours, robot, take, told, touched
 
 
 def pressed(number: int, time: float, newtons: float | None, **changes: Any) -> Contact:
@@ -91,9 +89,7 @@ def estimated(touch: int, true: float, estimate: float, **changes: Any) -> Force
 
 def judged(*records: RobotRecord) -> tuple[TouchSummary, ObserverSummary]:
     summary = summarise_touch(records, (OURS,), ROBOT)
-    observer = summary.observer(OURS)
-    assert observer is not None
-    return summary, observer
+    return summary, ours(summary)
 
 
 def forces(observer: ObserverSummary, **keys: str) -> Forces:

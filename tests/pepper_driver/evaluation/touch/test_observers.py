@@ -1,6 +1,7 @@
 """Observers of the judge, each against what makes it that observer, and their walk over a take."""
 
 import logging
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import islice
@@ -45,7 +46,7 @@ from pepper_driver.observer import (
     Recording,
     shipped,
 )
-from pepper_driver.observer.constants import CONFIRMING_RATIO, HELD_FACTOR
+from pepper_driver.observer.constants import BIAS_TIME, CONFIRMING_RATIO, HELD_FACTOR
 from pepper_driver.observer.detection.threshold import REST, SLIDING, identified_thresholds
 from pepper_driver.observers import make_observer
 from support.evaluation import CYCLE, INDEX, JOINT, JOINTS, ROBOT, Script, contact, recording
@@ -86,11 +87,11 @@ def moving(seconds: float = 4.0) -> Recording:
 RUN = moving()
 
 
-def aside(run: Recording, joint: int, first: int) -> Recording:
-    """The same with a joint that stands aside from this tick on; its motor works against that."""
+def aside(run: Recording, joint: int, first: int, current_change: float = 0.3) -> Recording:
+    """The same with a joint that stands aside from this tick on; its motor works against that [A]."""
     position, current = run.position.copy(), run.current.copy()
     position[first:, joint] -= 0.003
-    current[first:, joint] += 0.3
+    current[first:, joint] += current_change
     return replace(run, position=position, current=current)
 
 
@@ -166,7 +167,7 @@ def thresholds(phase: int) -> FloatArray:
 
 
 def first_thresholds() -> FloatArray:
-    """Of the first tick, in which one joint is to move and friction holds it."""
+    """Thresholds of the first tick, in which one joint is to move and friction holds it."""
     first = thresholds(REST)
     first[INDEX] *= HELD_FACTOR
     return first
@@ -218,16 +219,26 @@ def test_without_adaptation_thresholds_are_those_identified() -> None:
     )
 
 
-def test_without_bias_the_residual_keeps_what_does_not_change() -> None:
+@pytest.mark.parametrize(("current", "decides"), [(0.3, "model"), (0.05, "current")])
+def test_without_bias_the_residual_keeps_what_does_not_change(current: float, decides: str) -> None:
+    """The residual of ours is that of the channel that decides, less a bias with its time constant."""
     # A joint of no arm: the loads of the hands, which this observer learns as well, are not in its torque.
     head = ROBOT.joint_index("HeadYaw")
-    run = aside(RUN, head, 1)
-    ours, without, fixed = (
+    run = aside(recording(5.0), head, 1, current)
+    ours, without, fixed, model = (
         np.array([o.residual[head] for o in observe(made(name), run)])
-        for name in ("fusion", "fusion-without-bias", "fusion-without-adaptation")
+        for name in (
+            "fusion",
+            "fusion-without-bias",
+            "fusion-without-adaptation",
+            "fusion-without-current",
+        )
     )
-    assert (ours != without).any()
     np.testing.assert_array_equal(without, fixed)
+    assert (without[20] < 0.8 * model[20]) == (decides == "current")
+    for last in (100, 200, 400):
+        left = math.exp(-(last - 20) * CYCLE / BIAS_TIME)
+        assert ours[last] / ours[20] == pytest.approx(left * without[last] / without[20], rel=0.02)
 
 
 def test_without_loads_the_residual_is_that_of_empty_hands() -> None:

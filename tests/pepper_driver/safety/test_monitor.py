@@ -7,25 +7,15 @@ import numpy as np
 import pytest
 
 from pepper_driver.backends import Command, Measurement
-from pepper_driver.config import load_controller_settings, load_robot, load_safety_settings
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.safety import FaultReason, RobotState, SafetyGate
 from pepper_driver.testing import displaced, standing_measurement
 from support.fakes import reference
+from support.safety import ONES, ROBOT, SAFETY, STAND, STILL, active_gate
 
-ROBOT = load_robot()
-SAFETY = load_safety_settings()
-STAND = ROBOT.posture("Stand")
-ONES, STILL = np.ones(17), np.zeros(3)
 HEAD, ELBOW, HAND = (ROBOT.joint_index(name) for name in ("HeadYaw", "RElbowYaw", "RHand"))
 TAKEN_TICKS = round(SAFETY.stiffness_time / ROBOT.cycle)
 SILENT_TICKS = round(SAFETY.frozen_time / ROBOT.cycle)
-
-
-def gate() -> SafetyGate:
-    made = SafetyGate(ROBOT, SAFETY, load_controller_settings(ROBOT))
-    made.activate(STAND)
-    return made
 
 
 def told(stiffness: FloatArray | None) -> Measurement:
@@ -49,7 +39,7 @@ def less(by: float, *joints: int) -> FloatArray:
 def test_stiffness_that_is_lowered_from_outside_stops_the_robot(
     joints: tuple[int, ...], words: str
 ) -> None:
-    g = gate()
+    g = active_gate()
     for _ in range(TAKEN_TICKS):
         g.watch(told(less(1.0, *joints)), g.sent)
     assert g.state is RobotState.ACTIVE
@@ -67,14 +57,14 @@ def test_stiffness_that_is_lowered_from_outside_stops_the_robot(
     [None, np.full(17, np.nan), less(SAFETY.stiffness_loss), ONES, np.full(17, 1.5)],
 )
 def test_stiffness_that_is_there_or_not_known_stops_nothing(stiffness: FloatArray | None) -> None:
-    g = gate()
+    g = active_gate()
     for _ in range(100):
         g.watch(told(stiffness), g.sent)
     assert g.state is RobotState.ACTIVE
 
 
 def test_a_moment_without_stiffness_stops_nothing() -> None:
-    g = gate()
+    g = active_gate()
     for tick in range(200):
         g.watch(told(less(float(tick % (TAKEN_TICKS + 1) != 0))), g.sent)
     assert g.state is RobotState.ACTIVE
@@ -89,7 +79,7 @@ def test_a_moment_without_stiffness_stops_nothing() -> None:
 def test_the_gates_own_ramp_is_no_theft(delay: int) -> None:
     """Boards have any command from the one answered, ``delay`` ticks ago, to the newest."""
     for shown in {0, delay // 2, delay}:
-        g = gate()
+        g = active_gate()
         sent: list[Command] = [g.sent] * (delay + 1)
         for tick in range(400):
             wanted = ONES if (tick // 100) % 2 else np.full(17, 0.0)
@@ -100,7 +90,7 @@ def test_the_gates_own_ramp_is_no_theft(delay: int) -> None:
 
 
 def test_softened_joints_may_still_be_taken() -> None:
-    g = gate()
+    g = active_gate()
     for _ in range(100):
         g.gate(reference(STAND), np.full(17, 0.5), STILL, 0.0)
     for _ in range(TAKEN_TICKS + 1):
@@ -113,16 +103,21 @@ def test_softened_joints_may_still_be_taken() -> None:
 
 
 def watched(
-    change: Callable[[int, Measurement], Measurement], *, joint: int = ELBOW, ticks: int = 40
+    change: Callable[[int, Measurement], Measurement],
+    *,
+    joint: int = ELBOW,
+    ticks: int = 40,
+    stiffness: float = 1.0,
 ) -> SafetyGate:
     """A gate that has seen ``joint`` stand far from its command, with currents that tremble, but where changed."""
-    g = gate()
+    g = active_gate()
+    answered = replace(g.sent, stiffness=np.full(17, stiffness))
     random = np.random.default_rng(1)
     far = displaced(ROBOT.joint_names[joint], SAFETY.frozen_distance + 0.05)
     for tick in range(ticks):
         current = np.float64(0.016) * random.integers(10, 14, 17)
         measurement = far(replace(standing_measurement(), current=current))
-        g.watch(change(tick, measurement), g.sent)
+        g.watch(change(tick, measurement), answered)
     return g
 
 
@@ -184,6 +179,19 @@ def test_the_same_sample_once_more_is_no_silence() -> None:
     assert watched(slow, ticks=600).state is RobotState.ACTIVE
 
 
+@pytest.mark.parametrize(
+    ("stiffness", "state"),
+    [
+        (0.0, RobotState.ACTIVE),
+        (SAFETY.min_driven_stiffness, RobotState.ACTIVE),
+        (SAFETY.min_driven_stiffness + 0.01, RobotState.FAULT),
+    ],
+)
+def test_a_joint_that_nothing_drives_may_stand(stiffness: float, state: RobotState) -> None:
+    """The sample answers a command of this stiffness."""
+    assert watched(standing(ELBOW), stiffness=stiffness).state is state
+
+
 def test_a_hand_around_a_thing_stands() -> None:
     assert watched(standing(HAND), joint=HAND, ticks=100).state is RobotState.ACTIVE
 
@@ -202,7 +210,7 @@ def test_a_hand_around_a_thing_stands() -> None:
 def test_what_another_program_commands_stops_the_robot_and_is_named(
     names: tuple[str, ...], words: str
 ) -> None:
-    g = gate()
+    g = active_gate()
     g.gate(reference(STAND), ONES, np.full(3, 1.0), 0.0)
     g.watch(replace(told(ONES), commanded_by_others=names), g.sent)
     assert g.fault is not None
@@ -216,7 +224,7 @@ def test_what_another_program_commands_stops_the_robot_and_is_named(
 
 
 def test_why_samples_stay_away_is_told() -> None:
-    g = gate()
+    g = active_gate()
     missing = "no answer from RElbowYaw, whose board is off or unplugged"
     g.watch(replace(standing_measurement(), age=0.2, stale_reason=missing), g.sent)
     assert g.fault is not None
