@@ -11,19 +11,25 @@ from typing import Any, cast
 import pytest
 
 from pepper_driver.backends.interface import NotConnectedError
+from pepper_driver.backends.naoqi import presence as module
 from pepper_driver.backends.naoqi.connection import (
     CallTimeoutError,
     Connection,
     ServiceError,
-    connect,
 )
 from pepper_driver.backends.naoqi.presence import NAME, Presence, SecondDriverError
 from pepper_driver.backends.naoqi.qi_library import QiSession
 from support.naoqi_fakes import FakeRobot, address_of
 from support.virtual_naoqi import URI, VirtualNaoqi
-from support.waiting import wait_until
+from support.waiting import PATIENCE, wait_until
 
 pytestmark = pytest.mark.usefixtures("qi")
+
+
+@pytest.fixture(autouse=True)
+def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A busy machine may take its time to take a service out."""
+    monkeypatch.setattr(module, "ASK_TIME", PATIENCE)
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +40,7 @@ def robot() -> Iterator[FakeRobot]:
 
 @pytest.fixture
 def connections(robot: FakeRobot) -> Iterator[list[Connection]]:
-    made = [connect(robot.address) for _ in range(3)]
+    made = [robot.connect() for _ in range(3)]
     yield made
     for connection in made:
         connection.close()

@@ -135,6 +135,16 @@ def test_without_the_owners_consent() -> None:
             backend.activate()  # leaves on what needs the owner
 
 
+def test_a_robot_that_hangs_is_not_waited_for(robot: VirtualNaoqi, connection: Connection) -> None:
+    taken = take_over(robot, connection)
+    taken.begin()
+    robot.suspend_naoqi()
+    begun = robot.time.seconds()
+    taken.restore()
+    assert robot.time.seconds() - begun == pytest.approx(SETTINGS.alive_time), "once for all"
+    assert len(taken.left) > 5
+
+
 # -- who is let in --------------------------------------------------------------------------------------------------
 
 
