@@ -41,6 +41,7 @@ from pepper_driver.backends.naoqi_server.shared_values import BlackBox, Table, t
 from pepper_driver.backends.selection import parse_uri
 from pepper_driver.config import NaoqiSettings, load_naoqi_settings, load_network, load_robot
 from pepper_driver.config.naoqi_devices import load_naoqi_devices
+from pepper_driver.realtime import RealTimePacer
 from support.virtual_time import Action, Flag, VirtualTime
 
 ROBOT = load_robot()
@@ -314,6 +315,11 @@ class VirtualSession:
         due = max(self._time.now + round(1e9 * self._naoqi.delay()), self._last[direction])
         self._last[direction] = due
         self._time.later(1e-9 * (due - self._time.now), deliver, group)
+
+
+def pacer_of(backend: NaoqiRobot) -> RealTimePacer:
+    """Return the pacer of a loop on this backend."""
+    return RealTimePacer(ROBOT.cycle, backend, clock=backend.clock)
 
 
 class VirtualRobotClient(RobotClient):

@@ -25,6 +25,7 @@ from pepper_driver.backends.naoqi.connection import (
     connect,
 )
 from pepper_driver.config import NaoqiSettings, PepperError
+from support.certificates import certificate_in
 from support.naoqi_fakes import PATIENT, FakeRobot, address_of
 from support.processes import suspend
 from support.virtual_naoqi import VirtualNaoqi
@@ -116,15 +117,8 @@ def fake() -> Iterator[FakeRobot]:
 
 @pytest.fixture(scope="module")
 def certificate(tmp_path_factory: pytest.TempPathFactory) -> ssl.SSLContext:
-    folder = tmp_path_factory.mktemp("tls")
-    files = folder / "certificate.pem", folder / "key.pem"
-    subprocess.run(
-        [*["openssl", "req", "-x509", "-nodes", "-days", "2", "-subj", "/CN=fake", "-newkey", "ec"],
-         "-pkeyopt", "ec_paramgen_curve:prime256v1", "-keyout", files[1], "-out", files[0]],
-        check=True, capture_output=True,
-    )  # fmt: skip
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(*files)
+    context.load_cert_chain(*certificate_in(tmp_path_factory.mktemp("tls")))
     return context
 
 
