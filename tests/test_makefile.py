@@ -14,7 +14,7 @@ EXTRAS = {"demo": "plot", "naoqi": "naoqi", "test": "dev", "bench-controller": "
 
 
 def commands(target: str, tmp_path: Path) -> str:
-    """What ``make`` would run for a target in a new checkout."""
+    """Commands that ``make`` would run for a target in a new checkout."""
     command = ["make", "--dry-run", f"VENV={tmp_path / 'venv'}", target]
     return subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
 

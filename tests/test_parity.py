@@ -26,7 +26,7 @@ SHORT = ("feel_a_push", "retract")
 
 
 def played(program: Path, world: str, **options: Any) -> dict[str, Any]:
-    """What came of it, as the script reads it."""
+    """Results of a run, as the script reads them."""
     result: dict[str, Any] = json.loads(json.dumps(asdict(SIDE["play"](program, world, **options))))
     return result
 

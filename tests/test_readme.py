@@ -1,4 +1,4 @@
-"""What README and examples promise, run as it stands there."""
+"""Promises of README and examples, run as they stand there."""
 
 import json
 import re

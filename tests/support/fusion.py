@@ -110,7 +110,7 @@ def fusion_generator(
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """What one joint shall do; arrays (n,) by tick."""
+    """Task of one joint; arrays (n,) by tick."""
 
     position: FloatArray
     velocity: FloatArray
@@ -153,7 +153,7 @@ def standing(seconds: float, load: float = 0.0) -> Motion:
 
 @dataclass(frozen=True, kw_only=True)
 class Driven:
-    """What the joint did; arrays (n,) by tick."""
+    """Motion of the joint as it was; arrays (n,) by tick."""
 
     position: FloatArray
     motor: FloatArray

@@ -340,7 +340,7 @@ class VirtualRobotClient(RobotClient):
 
 @dataclass
 class Faults:
-    """What the service ``StandIn`` sets faults by."""
+    """Control of faults for the service ``StandIn``."""
 
     robot: VirtualNaoqi
     services: ServiceFaults

@@ -65,7 +65,11 @@ def test_an_impossible_link_is_refused(tmp_path: Path, old: str, new: str) -> No
 
 
 def test_centres_of_mass_are_off_by_a_share_of_their_distance(tmp_path: Path) -> None:
-    plant = load_plant(variant(tmp_path, randomise={"model_error": [0.03, 0.08]}), ROBOT, draw=4)
+    plant = load_plant(
+        variant(tmp_path, randomise={"factors": {}, "values": {}, "model_error": [0.03, 0.08]}),
+        ROBOT,
+        draw=4,
+    )
     at = build_model(ROBOT, load_plant("nominal", ROBOT)).mj
     moved = build_model(ROBOT, plant).mj
     for link, factor in plant.body.masses.items():

@@ -210,7 +210,7 @@ def test_what_cannot_be_given_back_is_told_and_the_rest_is(
 
 
 def test_a_robot_without_these_services() -> None:
-    """Of another version: what is not there moves nothing."""
+    """As of another version: what is not there moves nothing."""
     with FakeRobot(without=("ALAutonomousLife", "ALTouch", "ALLauncher")) as fake:
         connection = fake.connect()
         with take_over(connection, policy(touch="off")):

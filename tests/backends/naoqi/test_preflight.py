@@ -1,4 +1,4 @@
-"""What is asked of a robot before it moves, and each reason to refuse it, in one line with the cause and the remedy."""
+"""Questions to a robot before it moves, and each reason to refuse it, in one line with the cause and the remedy."""
 
 import math
 from collections.abc import Iterator
@@ -47,7 +47,7 @@ def refused(fake: FakeRobot, **more: Any) -> str:
 
 
 def unfit(fake: FakeRobot, **more: Any) -> str:
-    """Why a robot is not activated; it is told nothing meanwhile."""
+    """Return why a robot is not activated; it is told nothing meanwhile."""
     connection = fake.connect()
     with pytest.raises(NotReadyError) as caught:
         check_robot(connection, ROBOT, **{"settings": SETTINGS, "safety": SAFETY, **more})

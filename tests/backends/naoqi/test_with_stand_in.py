@@ -49,14 +49,14 @@ def take_over(
 
 
 def orders(robot: VirtualNaoqi) -> int:
-    """How many orders the DCM took in a time in which nobody here gives any."""
+    """Number of orders that the DCM took in a time in which nobody here gives any."""
     before = robot.black_box(last=1).orders[-1]
     robot.time.sleep(0.3)
     return int(robot.black_box(last=1).orders[-1] - before)
 
 
 def quiet(robot: VirtualNaoqi) -> bool:
-    """Whether nobody moves the robot; whoever did may be about to end."""
+    """Return True if nobody moves the robot; whoever did may be about to end."""
     return robot.time.clock().wait_for(lambda: orders(robot) == 0, 5.0)
 
 

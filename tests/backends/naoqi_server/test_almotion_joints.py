@@ -27,15 +27,15 @@ from pepper_driver.backends.naoqi_server.almotion.postures import PREFIX, Life, 
 from pepper_driver.backends.naoqi_server.almotion.wheels import DriveLimits
 from pepper_driver.backends.naoqi_server.memory import Memory
 from pepper_driver.config.transforms import transform
-from pepper_driver.controller import RobotModel
 from support.almotion import CONFIG, SETTINGS, Stage, hardness_key, joint, wheel_key
 from support.examples import examples
+from support.pinocchio_robot import PinocchioRobot
 
 BODY = JointGroups(CONFIG, SETTINGS)
 KINEMATICS = Kinematics(CONFIG, SETTINGS)
 STAND = CONFIG.posture("Stand").tolist()
 ORIGIN = np.zeros(3)
-MODEL = RobotModel(CONFIG)
+MODEL = PinocchioRobot()
 
 
 def test_groups_are_those_of_the_documentation() -> None:
