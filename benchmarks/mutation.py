@@ -116,8 +116,8 @@ SUBJECTS = (
         (
             "tests/backends/test_mock.py",
             "tests/backends/mujoco_/test_mujoco_backend.py",
-            "tests/backends/test_conformance.py::TestMock",
-            "tests/backends/test_conformance.py::TestMujoco",
+            "tests/pepper_driver/test_conformance.py::TestMock",
+            "tests/pepper_driver/test_conformance.py::TestMujoco",
         ),
     ),
     Subject(

@@ -15,8 +15,10 @@ from hypothesis import HealthCheck, Phase, settings
 
 import pepper_driver.controller  # noqa: F401 before a test imports pinocchio
 from pepper_driver.backends.naoqi.qi_library import NoQiError, load_qi
+from pepper_driver.backends.naoqi_server import ipc
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from support.examples import CI_EXAMPLES
+from support.waiting import PATIENCE
 
 # What thousands of tests keep is not to be searched for garbage every few of them.
 gc.set_threshold(5_000, 10, 20)
@@ -34,6 +36,14 @@ settings.register_profile(
     "mutation", ANY_MACHINE, derandomize=True, phases=[Phase.explicit, Phase.generate]
 )
 settings.load_profile("ci")
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _patient_start() -> Iterator[None]:
+    """Processes of a stand-in may take their time to start, as the imports of a busy machine do."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ipc, "START_TIME", 4 * PATIENCE)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -9,12 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pepper_driver import Pepper
 from pepper_driver.backends import Command, Measurement, NotConnectedError, make_backend
 from pepper_driver.backends.interface import DEAD_MAN_CYCLES
 from pepper_driver.backends.mock import Fault, MockBackend
 from pepper_driver.config import ConfigError, PepperError, UnknownNameError, load_robot
-from pepper_driver.config.arrays import FloatArray
 
 ROBOT = load_robot()
 STAND = ROBOT.posture("Stand")
@@ -168,19 +166,6 @@ def test_a_wrong_uri_is_one_line(uri: str, error: type[PepperError], word: str) 
         make_backend(uri)
     with pytest.raises(ConfigError, match="delay"):
         MockBackend(ROBOT, delay=-1)
-
-
-def test_a_program_runs_on_it() -> None:
-    """The same program as on any robot; what it measures is what it was sent ``delay`` ticks before."""
-    errors: list[FloatArray] = []
-    with Pepper("mock://?delay=2", observer=None) as pepper:
-        pepper.set_posture({"LShoulderRoll": 0.6})
-        pepper.run(
-            1.2, on_tick=lambda t, _: errors.append(t.sent.position - t.measurement.position)
-        )
-        assert pepper.position["LShoulderRoll"] > 0.4
-    assert len(errors) == 100
-    assert not np.array(errors).any()
 
 
 def test_it_is_loaded_only_where_it_is_asked_for() -> None:

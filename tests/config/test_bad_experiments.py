@@ -288,7 +288,7 @@ def test_mistakes_are_counted(tmp_path: Path, old: str, new: str, count: int) ->
 
 
 def test_there_is_a_case_for_every_key() -> None:
-    """Of reflexes (``do``) only ``pepper_driver`` knows which there are."""
+    """The reflexes (``do``) are left out: only ``pepper_driver`` knows which there are."""
     named = {word for _, _, _, key, _ in BAD for word in (key or "").split(".")}
     assert set(re.findall(r"(\w+):", GOOD)) - named == {"do"}
     assert len(BAD) >= 90

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from pepper_driver.backends.naoqi_server.tls import make_certificate
 from pepper_driver.config import ConfigError, MissingExtraError, cluster
 from pepper_driver.config.cluster import ClusterError, LostClusterError, connected
 from pepper_driver.config.workers import run_jobs
+from support.certificates import certificate_in
 from support.clusters import (
     DaskCluster,
     begun,
@@ -126,7 +126,7 @@ def test_a_cluster_behind_tls(tmp_path: Path, notes: Path) -> None:
     """Certificates from the settings of Dask, as docs/cluster.md has them."""
     import dask
 
-    certificate, key = map(str, make_certificate(str(tmp_path)))
+    certificate, key = map(str, certificate_in(tmp_path))
     mine = {"ca-file": certificate, "client.cert": certificate, "client.key": key}
     settings = {"DASK_DISTRIBUTED__COMM__TLS__CA_FILE": certificate}
     for role in ("SCHEDULER", "WORKER"):
@@ -151,7 +151,7 @@ def test_a_cluster_behind_tls(tmp_path: Path, notes: Path) -> None:
 def test_a_worker_that_is_killed_costs_nothing(
     notes: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """What it was at is done again by the other: each result comes once, in order, from another process than this."""
+    """Its job is done again by the other: each result comes once, in order, from another process than this."""
     with DaskCluster(tmp_path) as dask:
         with connected(dask.address) as workers:
             results: list[tuple[int, int]] = []
@@ -367,7 +367,7 @@ def test_a_worker_of_another_version_is_refused(
 
 @pytest.mark.whole
 def test_a_worker_with_changed_sources_is_refused(tmp_path: Path) -> None:
-    """Of the same version: as on a machine with another commit."""
+    """The version is the same: as on a machine with another commit."""
     from support import ROOT
 
     copy = tmp_path / "copy"

@@ -1,4 +1,4 @@
-"""What pydantic finds in a file becomes one line in words for people, one for each mistake."""
+"""Mistakes that pydantic finds in a file, each one line in words for people."""
 
 from dataclasses import field
 from typing import Annotated, Any, Literal

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pepper_driver.backends import make_backend
 from pepper_driver.config import (
     ConfigError,
     RobotIdentity,
@@ -117,7 +116,6 @@ def test_draws_for_tests_are_refused_whoever_asks(tmp_path: Path, draw: int) -> 
             partial(load_plant, plant, ROBOT, draw=draw),
             partial(load_plant, plant, ROBOT, draw=draw, day=2),
             partial(parent_plants, plant, ROBOT, draw=draw),
-            partial(make_backend, f"mujoco://?plant={plant}&draw={draw}", ROBOT),
         ):
             with pytest.raises(HeldOutDrawError) as caught:
                 ask()
@@ -332,9 +330,6 @@ def test_models_of_the_first_day_serve_the_others() -> None:
     assert parent_plants("random", ROBOT, draw=3, day=2) == (own, law, nominal)
     assert parent_plants("random", ROBOT, draw=3, day=0) == (law, nominal)
     assert parent_plants("random", ROBOT, draw=3) == (law, nominal), "another robot is no parent"
-    backend = make_backend("mujoco://?plant=random&draw=3&day=2", ROBOT)
-    assert backend.info.identity == identity_of("random", 3, 2).identity
-    assert backend.info.parents[0] == own
 
 
 def test_days_without_a_draw_are_those_of_the_first_robot() -> None:
@@ -353,12 +348,6 @@ def test_a_day_where_days_are_alike_is_refused(plant: str) -> None:
 def test_a_day_is_counted_from_zero() -> None:
     with pytest.raises(ConfigError, match="day takes a whole number from 0, got -1"):
         load_plant("random", ROBOT, draw=1, day=-1)
-
-
-@pytest.mark.parametrize("day", ["-1", "x", "1.5", ""])
-def test_a_day_in_a_uri_is_a_whole_number(day: str) -> None:
-    with pytest.raises(ConfigError, match="day must be a whole number, 0 or more"):
-        make_backend(f"mujoco://?plant=random&draw=3&day={day}", ROBOT)
 
 
 def test_every_robot_for_development_loads() -> None:

@@ -251,7 +251,7 @@ def test_missing_file_is_named(tmp_path: Path) -> None:
 
 
 def test_a_mirror_shows_the_other_hand(robot: RobotConfig) -> None:
-    """What the left hand does, the right one does in the mirrored posture, seen through the xz-plane."""
+    """The right hand does in the mirrored posture as the left one does, seen through the xz-plane."""
     reflection = np.diag([1.0, -1.0, 1.0, 1.0])
     index = [index for index, _ in robot.mirror]
     sign = np.array([sign for _, sign in robot.mirror])

@@ -72,7 +72,7 @@ def surface(link: str, random: np.random.Generator, count: int = 3000) -> FloatA
 
 
 def outside(points: FloatArray, capsules: tuple[Capsule, ...]) -> FloatArray:
-    """How far each point is from the nearest capsule [m], negative inside."""
+    """Distance of each point from the nearest capsule [m], negative inside."""
     distances = []
     for capsule in capsules:
         start, end = np.array(capsule.start), np.array(capsule.end)
@@ -160,7 +160,7 @@ def test_published_pairs_are_there() -> None:
 
 
 def link_distances(robot: RobotConfig, posture: FloatArray) -> list[float]:
-    """Of all pairs of capsules, each by a call of its own to coal."""
+    """Distances of all pairs of capsules, each by a call of its own to coal."""
     model = pin.buildModelFromUrdf(str(robot.urdf))
     data = model.createData()
     q = pin.neutral(model)

@@ -62,7 +62,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Iterator[Clock]:
 
 @pytest.fixture
 def heard() -> Iterator[list[int]]:
-    """Of SIGTERM, by a handler of the user's own."""
+    """Signals as a handler of the user's own hears them: SIGTERM."""
     numbers: list[int] = []
     signal.signal(TERM, lambda number, _: numbers.append(number))
     yield numbers
@@ -100,7 +100,7 @@ def test_a_signal_ends_as_ctrl_c_does(number: int, code: int, words: str) -> Non
 
 
 def test_uncaught_it_ends_a_program_without_a_traceback() -> None:
-    """What Python does with a SystemExit."""
+    """As Python does with a SystemExit."""
     error = Terminated(TERM)
     assert isinstance(error, SystemExit)
     assert error.code == 143

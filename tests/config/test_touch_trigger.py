@@ -1,4 +1,4 @@
-"""Which touches set a trigger off, and which triggers go before others: against the definition, touch by touch."""
+"""Touches that set a trigger off, and triggers that go before others: against the definition, touch by touch."""
 
 from dataclasses import dataclass
 from math import inf
@@ -108,7 +108,7 @@ def is_chosen(touch: DetectedPush, on: TouchTrigger) -> bool:
 
 
 def first_time(on: TouchTrigger, touches: list[DetectedPush]) -> float:
-    """When touches, in the order in which they begin, first are as a trigger says [s / 8]; infinity for never."""
+    """Time at which touches, in the order of their begins, first are as a trigger says [s / 8]; infinity for never."""
     begun = [t.begin for t in touches if is_chosen(t, on) and t.length >= 8 * on.lasting]
     times = [inf]
     for last in range(on.touches - 1, len(begun)):

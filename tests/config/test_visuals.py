@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from functools import cache
 from pathlib import Path
 
 import mujoco
@@ -14,12 +15,21 @@ import pytest
 from pepper_driver.config import ConfigError, RobotConfig, load_plant, load_robot
 from pepper_driver.config.plant import plant_hash
 from pepper_driver.config.visuals import Visual, load_visuals
-from pepper_driver.controller.model import RobotModel
 
 
 @pytest.fixture(scope="module")
 def robot() -> RobotConfig:
     return load_robot()
+
+
+@cache
+def link_pose(urdf: Path, link: str) -> np.ndarray:
+    """(4, 4) pose of a link in the world, the joints at 0, as Pinocchio has it."""
+    model = pin.buildModelFromUrdf(str(urdf))
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, pin.neutral(model))
+    pose: np.ndarray = data.oMf[model.getBodyId(link)].homogeneous
+    return pose
 
 
 def world_points(robot: RobotConfig, visual: Visual) -> np.ndarray:
@@ -39,7 +49,7 @@ def world_points(robot: RobotConfig, visual: Visual) -> np.ndarray:
         points = visual.size[0] * np.stack(
             [ring * np.cos(turn), ring * np.sin(turn), level], axis=1
         )
-    pose = RobotModel(robot).link_pose(visual.link, np.zeros(17)) @ visual.transform_visual_to_link
+    pose = link_pose(robot.urdf, visual.link) @ visual.transform_visual_to_link
     placed: np.ndarray = points @ pose[:3, :3].T + pose[:3, 3]
     return placed
 

@@ -9,6 +9,7 @@ from pepper_driver.backends.naoqi_server.almotion.joints import AlmotionTask
 from pepper_driver.backends.naoqi_server.dcm import Dcm, TimedCommand, UpdateType, wrapped
 from pepper_driver.backends.naoqi_server.shared_values import BlackBox, table_keys
 from pepper_driver.config import load_naoqi_services, load_robot
+from pepper_driver.config.clock import Clock
 from pepper_driver.config.naoqi_devices import load_naoqi_devices
 
 CONFIG = load_robot()
@@ -115,13 +116,14 @@ class IdealRobot:
 
 
 class Stage:
-    """ALMotion's writer with such a robot, and time that passes when told to."""
+    """ALMotion's writer with such a robot, and time that passes when told to, or while a caller waits."""
 
     def __init__(
         self, *, posture: str = "Stand", clock: int = 5_000, consent: bool = False
     ) -> None:
         self.robot = IdealRobot(posture, clock)
-        self.motion = MotionEngine(self.robot, CONFIG, SETTINGS, consent=consent)
+        clock = Clock(now=lambda: 1_000_000 * self.robot.now, sleep=self._sleep)
+        self.motion = MotionEngine(self.robot, CONFIG, SETTINGS, consent=consent, clock=clock)
         self._passed = 0
 
     def run(self, seconds: float, each: Callable[[], object] = lambda: None) -> None:
@@ -134,6 +136,9 @@ class Stage:
             if self._passed % 20 == 0:
                 self.motion.cycle()
             each()
+
+    def _sleep(self, seconds: float) -> None:
+        self.run(max(seconds, 0.004))
 
     def stiffen(self, *, awake: bool = False) -> None:
         """Give all joints stiffness at once."""
@@ -155,9 +160,9 @@ class Stage:
         return task
 
     def command(self, name: str) -> float:
-        """What ALMotion commands."""
+        """Angle that ALMotion commands."""
         return self.motion.joints.command[joint(name)]
 
     def sent(self, name: str) -> list[float]:
-        """What the DCM sent to a joint, cycle by cycle."""
+        """Angles that the DCM sent to a joint, cycle by cycle."""
         return self.robot.sent[angle_key(name)]

@@ -1,4 +1,4 @@
-"""What every refusal of a wrong input keeps to: an error of this project, in one line that a person can use."""
+"""The rule of every refusal of a wrong input: an error of this project, in one line that a person can use."""
 
 from __future__ import annotations
 

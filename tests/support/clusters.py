@@ -183,7 +183,7 @@ def makes_what_cannot_be_sent() -> Callable[[], object]:
 
 
 def threads_of_algebra() -> set[int]:
-    """How many each library here takes."""
+    """Number of threads that each library here takes."""
     import numpy  # noqa: F401
     from threadpoolctl import threadpool_info
 

@@ -1,4 +1,4 @@
-"""What tests of contact share: a robot on a fixed base that holds a posture, and worlds of one object."""
+"""Parts of tests of contact: a robot on a fixed base that holds a posture, and worlds of one object."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Robot(MujocoBackend):
 
     @property
     def world(self) -> World:
-        """What is around it."""
+        """The world around it."""
         return self._world
 
     @property

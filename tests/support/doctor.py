@@ -48,7 +48,7 @@ class Patient(MockBackend):
 
     @property
     def moved(self) -> bool:
-        """Whether it was made stiff, or told anything that could move it."""
+        """True if it was made stiff, or told anything that could move it."""
         return "activate" in self.calls or any(
             command.stiffness.any() or command.wheel_speed.any() for command in self.commands
         )

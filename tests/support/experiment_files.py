@@ -85,7 +85,7 @@ def load_data(folder: Path, data: object) -> Experiment:
 
 
 def refusal(folder: Path, data: object) -> str:
-    """What loading says of a bad file, after its path: one line, in words for people."""
+    """Return the refusal of a bad file, after its path: one line, in words for people."""
     with pytest.raises(ConfigError) as caught:
         load_data(folder, data)
     message = str(caught.value)

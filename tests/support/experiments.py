@@ -191,7 +191,7 @@ class Trace:
 
 
 def snapshot(pepper: Pepper) -> tuple[object, ...]:
-    """What an experiment must leave as it was."""
+    """All that an experiment must leave as it was."""
     own = pepper.controller.base_velocity
     return (
         pepper.controller.tasks,

@@ -83,13 +83,13 @@ class Samples:
         return SentCommand(sent=self.command(), reference=reference, limited=self.flags(N))
 
     def command(self) -> Command:
-        """What a robot might be told."""
+        """A command that a robot might get."""
         return Command(
             position=self.vector(N), stiffness=self.vector(N), wheel_speed=self.vector(3)
         )
 
     def observation(self, *contacts: Contact) -> Observation:
-        """What an observer might say, with these contacts."""
+        """An observation that an observer might make, with these contacts."""
         return Observation(
             contacts=contacts,
             expected=self.vector(N),
@@ -101,7 +101,7 @@ class Samples:
         )
 
     def truth(self) -> TruthSample:
-        """What a simulation might know."""
+        """A truth that a simulation might know."""
         return TruthSample(
             contact_torque=self.vector(N),
             peak_torque=self.vector(N),
@@ -115,7 +115,7 @@ class Samples:
         )
 
     def true_contact(self) -> TrueContact:
-        """What might touch a robot in a simulation."""
+        """A contact that a robot might have in a simulation."""
         random = self.random
         thing = "ball" if random.random() < 0.5 else None
         return TrueContact(
@@ -187,7 +187,7 @@ def flatten_sent(sent: SentCommand, time: float, step: int) -> dict[str, object]
 
 
 def same_bits(read: object, given: object) -> bool:
-    """Whether two arrays or numbers have the same type, shape and bits."""
+    """Return True if two arrays or numbers have the same type, shape and bits."""
     a, b = np.asarray(read), np.asarray(given)
     return (a.dtype, a.shape) == (b.dtype, b.shape) and a.tobytes() == b.tobytes()
 

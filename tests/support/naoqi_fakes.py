@@ -3,17 +3,31 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from functools import lru_cache
 from types import TracebackType
 from typing import Any, Self
 
 from pepper_driver.backends.naoqi.address import Address, naoqi_address
+from pepper_driver.backends.naoqi.connection import Connection, connect
 from pepper_driver.backends.naoqi.qi_library import load_qi
 from pepper_driver.backends.selection import parse_uri
-from pepper_driver.config import load_robot
+from pepper_driver.config import load_naoqi_settings, load_robot
+from support.virtual_time import Flag
+from support.waiting import PATIENCE
 
 ROBOT = load_robot()
 NAMES = ROBOT.naoqi
+PATIENT = replace(
+    load_naoqi_settings(),
+    connect_time=PATIENCE,
+    probe_time=PATIENCE,
+    call_time=PATIENCE,
+    alive_time=PATIENCE,
+    switch_time=PATIENCE,
+    take_over_time=PATIENCE,
+)
+"""Settings of a driver that gives a busy machine the time it takes."""
 CONSENT = "ALMotion::set{}Enabled\n\tthe owner of this robot has not allowed it"
 
 
@@ -66,11 +80,11 @@ class Motion:
         self.allowed = True
         self.stuck: set[str] = set()
         self.refuses: set[str] = set()
-        self.may_answer = threading.Event()
+        self.may_answer: threading.Event | Flag = threading.Event()
         self.may_answer.set()
         self.commanded: list[float] = ROBOT.posture("Stand").tolist()
         self.stiffnesses: object = [1.0] * 14
-        self.may_soften = threading.Event()
+        self.may_soften: threading.Event | Flag = threading.Event()
         self.may_soften.set()
         self.come_on()
 
@@ -329,6 +343,10 @@ class FakeRobot:
     @property
     def address(self) -> Address:
         return address_of(self.uri)
+
+    def connect(self) -> Connection:
+        """Connect with it, as patiently as a busy machine asks for."""
+        return connect(self.address, settings=PATIENT)
 
     def __enter__(self) -> Self:
         self._numbers = [_server().registerService(*service) for service in self._services.items()]

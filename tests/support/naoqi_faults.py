@@ -145,6 +145,6 @@ def assert_joints_hold(
 
 
 def largest_step(box: BlackBox) -> float:
-    """Of what joints were told, from a cycle to the next [rad]; cycles that were left out count as one each."""
+    """Largest step of the joints' commands from a cycle to the next [rad]; cycles left out count as one each."""
     steps = np.abs(np.diff(box.position_command, axis=0)).max(axis=1) / np.diff(box.cycle)
     return float(steps.max())

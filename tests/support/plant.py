@@ -171,7 +171,7 @@ class Bench:
         return np.array(self.data.qvel[[self.link, self.motor]])
 
     def inertia(self, dof: int) -> float:
-        """Of one degree of freedom, all others held [kg m2]."""
+        """Inertia of one degree of freedom, all others held [kg m2]."""
         mujoco.mj_forward(self.model.mj, self.data)
         full = np.zeros((self.model.mj.nv, self.model.mj.nv))
         mujoco.mj_fullM(self.model.mj, self.data, full)

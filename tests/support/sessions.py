@@ -70,7 +70,7 @@ class SteppedTime:
 
     @property
     def sleeping(self) -> bool:
-        """Whether a thread sleeps."""
+        """True if a thread sleeps."""
         return bool(self._sleepers)
 
     def wait_for_sleeper(self) -> None:
@@ -247,6 +247,6 @@ def backend_of(pepper: Pepper) -> MockBackend:
 
 
 def begun(pepper: Pepper) -> bool:
-    """Whether a thread waits for ticks."""
+    """Return True if a thread waits for ticks."""
     session = pepper._session
     return session is not None and not session._wait.over.is_set()

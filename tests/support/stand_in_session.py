@@ -1,7 +1,6 @@
-"""What tests over the real qi share; they use the fixture ``qi``, which skips them where there is none."""
+"""Parts of tests over the real qi; they use the fixture ``qi``, which skips them where there is none."""
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -21,15 +20,8 @@ def connected(url: str) -> Iterator[Any]:
         session.close()
 
 
-def stays(value: Callable[[], object], seconds: float = 0.2) -> bool:
-    """Whether a value does not change for a while."""
-    before = value()
-    time.sleep(seconds)
-    return value() == before
-
-
 def alive(pid: int) -> bool:
-    """Whether a process runs, or is stopped; one that waits to be reaped does not."""
+    """Return True for a process that runs or is stopped; not for one that waits to be reaped."""
     try:
         with open(f"/proc/{pid}/stat") as file:
             return file.read().rpartition(")")[2].split()[0] != "Z"

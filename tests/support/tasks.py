@@ -27,7 +27,7 @@ class State(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """What a task says in a state."""
+    """Values of a task in a state."""
 
     error: FloatArray
     jacobian: FloatArray
@@ -43,7 +43,7 @@ def random_state(seed: int) -> State:
 
 
 def later(state: State, time: float) -> State:
-    """Where a motion without accelerations leads."""
+    """State that a motion without accelerations leads to."""
     return State(MODEL.integrate(state.q, state.v * time), state.v)
 
 

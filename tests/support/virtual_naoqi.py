@@ -41,6 +41,7 @@ from pepper_driver.backends.naoqi_server.shared_values import BlackBox, Table, t
 from pepper_driver.backends.selection import parse_uri
 from pepper_driver.config import NaoqiSettings, load_naoqi_settings, load_network, load_robot
 from pepper_driver.config.naoqi_devices import load_naoqi_devices
+from pepper_driver.realtime import RealTimePacer
 from support.virtual_time import Action, Flag, VirtualTime
 
 ROBOT = load_robot()
@@ -316,6 +317,11 @@ class VirtualSession:
         self._time.later(1e-9 * (due - self._time.now), deliver, group)
 
 
+def pacer_of(backend: NaoqiRobot) -> RealTimePacer:
+    """Return the pacer of a loop on this backend."""
+    return RealTimePacer(ROBOT.cycle, backend, clock=backend.clock)
+
+
 class VirtualRobotClient(RobotClient):
     """The robot as the services see it: in the same process."""
 
@@ -334,7 +340,7 @@ class VirtualRobotClient(RobotClient):
 
 @dataclass
 class Faults:
-    """What the service ``StandIn`` sets faults by."""
+    """Control of faults for the service ``StandIn``."""
 
     robot: VirtualNaoqi
     services: ServiceFaults

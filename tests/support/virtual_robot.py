@@ -162,7 +162,7 @@ class VirtualRobot:
         return self._origin + (here - HERE) * self._rate
 
     def _at(self, date: float) -> float:
-        """When the DCM's clock shows a date, by the computer's [ms]."""
+        """Time of the computer at which the DCM's clock shows a date [ms]."""
         return HERE + (date - self._origin) / self._rate
 
     def pass_time(self, until: float) -> None:
@@ -216,7 +216,7 @@ class VirtualRobot:
         self._plan(self.time + period, again)
 
     def _position(self, before: int = 0) -> FloatArray:
-        """Of the newest cycle, or some before."""
+        """Positions of the newest cycle, or some before."""
         answered = self._newest() - CYCLE * (self._delay + before)
         return self.commanded.get(answered, (ROBOT.posture("Stand"), None))[0]
 

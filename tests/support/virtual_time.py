@@ -56,6 +56,10 @@ class Flag:
             self._time._plan(self._time.now, thread.group, thread)
         self._waiting.clear()
 
+    def clear(self) -> None:
+        """Have whoever comes wait again."""
+        self.is_set = False
+
     def wait(self, seconds: float) -> bool:
         """Wait until it is set, at most for some time."""
         if not self.is_set:

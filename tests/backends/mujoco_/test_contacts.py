@@ -11,8 +11,8 @@ from pepper_driver.backends.mujoco_ import MujocoBackend
 from pepper_driver.backends.simulated import TrueContact
 from pepper_driver.config import UnknownNameError, load_plant, load_world
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.controller.model import RobotModel
 from support.contacts import CYCLE, FIXED, ROBOT, ROLLING, STEP, Robot, world
+from support.pinocchio_robot import PinocchioRobot
 
 
 def only(robot: MujocoBackend) -> TrueContact:
@@ -24,7 +24,7 @@ def expected_torque(
     robot: MujocoBackend, link: str, point: FloatArray, force: FloatArray
 ) -> FloatArray:
     """(17,) J^T f by Pinocchio; the base stands at the origin."""
-    jacobian = RobotModel(ROBOT).point_jacobian(link, point, robot.truth.position)
+    jacobian = PinocchioRobot().point_jacobian(link, point, robot.truth.position)
     return np.asarray(jacobian.T @ force)
 
 
@@ -37,7 +37,7 @@ def test_a_push_is_told_with_place_force_and_torque() -> None:
     assert (contact.kind, contact.link, contact.object) == ("push", "l_wrist", None)
     np.testing.assert_allclose(contact.force, force, rtol=1e-12)
     assert contact.peak == pytest.approx(float(np.linalg.norm(force)))
-    pose = RobotModel(ROBOT).link_pose("l_wrist", robot.truth.position)
+    pose = PinocchioRobot().link_pose("l_wrist", robot.truth.position)
     np.testing.assert_allclose(contact.point, (pose @ [*point, 1.0])[:3], atol=1e-5)
     expected = expected_torque(robot, "l_wrist", point, force)
     np.testing.assert_allclose(contact.torque, expected, atol=1e-4)
@@ -220,7 +220,7 @@ def test_links_are_told_where_they_are_on_a_base_that_rolls_and_tilts() -> None:
         * Rotation.from_euler("y", pitch)
         * Rotation.from_euler("x", roll)
     ).as_matrix()
-    model = RobotModel(ROBOT)
+    model = PinocchioRobot()
     for link in ("Head", "l_wrist"):
         expected = base @ model.link_pose(link, truth.position)
         np.testing.assert_allclose(truth.link_pose(link)[:3, :3], expected[:3, :3], atol=2e-3)

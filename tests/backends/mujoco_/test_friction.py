@@ -48,7 +48,7 @@ def slowdown(bench: Bench, dof: int, seconds: float = 0.002) -> float:
 
 
 def moves(bench: Bench, dof: int, torque: float, **others: float) -> bool:
-    """Whether a side at rest gives way to ``torque``."""
+    """Return True if a side at rest gives way to ``torque``."""
     bench.data.qfrc_applied[:] = 0.0
     bench.data.qfrc_applied[dof] = torque
     for name, value in others.items():

@@ -10,8 +10,8 @@ from pepper_driver.backends.mujoco_.pushes import HAND_MASS, first_overlap
 from pepper_driver.backends.simulated import TrueContact
 from pepper_driver.config import UnknownNameError
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.controller.model import RobotModel
 from support.contacts import CYCLE, FIXED, ROBOT, ROLLING, STEP, Robot
+from support.pinocchio_robot import PinocchioRobot
 
 
 def the_contact(robot: Robot) -> TrueContact:
@@ -21,7 +21,7 @@ def the_contact(robot: Robot) -> TrueContact:
 
 def place(robot: Robot, link: str, point: FloatArray) -> FloatArray:
     """(3,) where a point of a link is in the world [m]."""
-    pose = RobotModel(ROBOT).link_pose(link, robot.truth.position)
+    pose = PinocchioRobot().link_pose(link, robot.truth.position)
     return np.asarray((pose @ [*point, 1.0])[:3])
 
 
@@ -36,7 +36,7 @@ def test_at_rest_the_force_is_stiffness_times_lag(pull: list[float]) -> None:
     assert np.linalg.norm(lag) > 0.003, "the arm must resist, or there is nothing to see"
     np.testing.assert_allclose(contact.force, 1500.0 * lag, atol=0.02)
     assert (contact.kind, contact.link, contact.object) == ("hand", "l_wrist", None)
-    jacobian = RobotModel(ROBOT).point_jacobian("l_wrist", point, robot.truth.position)
+    jacobian = PinocchioRobot().point_jacobian("l_wrist", point, robot.truth.position)
     np.testing.assert_allclose(contact.torque, jacobian.T @ contact.force, atol=1e-4)
 
 
@@ -98,7 +98,7 @@ def test_a_hand_is_no_stronger_than_said() -> None:
 
 def test_a_pull_in_link_axes_is_turned_into_the_world() -> None:
     robot = Robot(FIXED)
-    rotation = RobotModel(ROBOT).link_pose("l_wrist", robot.truth.position)[:3, :3]
+    rotation = PinocchioRobot().link_pose("l_wrist", robot.truth.position)[:3, :3]
     pull = np.array([0.0, 0.0, 0.04])
     robot.grab("l_wrist", pull, frame="link", rise=0.05)
     robot.run(0.036)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from pepper_driver.backends import CapabilityError, Command, CommandError, make_backend
@@ -15,6 +15,7 @@ from pepper_driver.backends.mujoco_ import MujocoBackend
 from pepper_driver.backends.mujoco_.pushes import HAND_ACCELERATION, HAND_SPEED
 from pepper_driver.backends.simulated import HAND_TIMEOUT, Hand
 from pepper_driver.config import UnknownNameError
+from support.examples import examples
 
 CYCLE = 0.012  # [s]
 
@@ -165,7 +166,7 @@ def test_a_restored_robot_is_held_by_no_one(backend: MujocoBackend) -> None:
 DIRECTIONS = st.tuples(*(st.floats(-1.0, 1.0) for _ in range(3)))
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @example(link="Head", ways=[(1.0, 0.0, 0.0)] * 2 + [(0.0, 0.0, 0.0)], reach=3.0, stiffness=500.0)
 @given(
     link=st.sampled_from(["Head", "torso", "LForeArm", "r_wrist", "Hip", "l_gripper"]),

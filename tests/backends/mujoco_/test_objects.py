@@ -11,8 +11,8 @@ from pepper_driver.backends.mujoco_.plant_model import PlantModel
 from pepper_driver.backends.mujoco_.simulation import Simulation
 from pepper_driver.config import load_world
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.controller.model import RobotModel
 from support.contacts import CYCLE, FIXED, ROBOT, ROLLING, Robot, world
+from support.pinocchio_robot import PinocchioRobot
 
 STAND = ROBOT.posture("Stand")
 G = 9.81
@@ -110,9 +110,9 @@ def test_the_arm_meets_the_edge_of_the_table() -> None:
     assert contact.force[2] < -2.0, "the table's underside pushes the arm down"
     assert contact.torque[ROBOT.joint_index("LShoulderPitch")] > 0.5
     assert contact.peak >= np.linalg.norm(contact.force)
-    pose = RobotModel(ROBOT).link_pose(contact.link, robot.truth.position)
+    pose = PinocchioRobot().link_pose(contact.link, robot.truth.position)
     point = np.linalg.inv(pose) @ [*contact.point, 1.0]
-    jacobian = RobotModel(ROBOT).point_jacobian(contact.link, point[:3], robot.truth.position)
+    jacobian = PinocchioRobot().point_jacobian(contact.link, point[:3], robot.truth.position)
     np.testing.assert_allclose(contact.torque, jacobian.T @ contact.force, atol=0.02)
 
 

@@ -12,7 +12,7 @@ from pepper_driver.backends.mujoco_.plant_model import build_model
 from pepper_driver.config import PlantConfig, load_plant
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.plant_parts import BodyParameters, Payload
-from pepper_driver.controller import RobotModel
+from support.pinocchio_robot import PinocchioRobot
 from support.plant import INDEX, ONE, ROBOT, STAND, hold, plain, standing
 
 
@@ -85,11 +85,8 @@ def test_a_payload_weighs_on_the_joints_at_its_place(link: str) -> None:
     mass, radius, xyz = 0.5, 0.035, (0.08, -0.02, -0.03)
     ball = Payload(link=link, mass=mass, radius=radius, xyz=xyz)
     laden = replace(plain(), body=BodyParameters(masses={}, coms={}, payloads=(ball,)))
-    bare, more = RobotModel(ROBOT), RobotModel(ROBOT)
-    frame = more.pin.frames[more.frame_id(link)]
-    inertia = pin.Inertia(mass, np.array(xyz), 0.4 * mass * radius**2 * np.eye(3))
-    number = frame.parentJoint
-    more.pin.inertias[number] = more.pin.inertias[number] + frame.placement.act(inertia)
+    bare, more = PinocchioRobot(), PinocchioRobot()
+    more.add(link, pin.Inertia(mass, np.array(xyz), 0.4 * mass * radius**2 * np.eye(3)))
     postures = np.random.default_rng(0).uniform(-1.0, 1.0, (5, len(ROBOT.joints)))
     expected = [more.gravity_torque(q) - bare.gravity_torque(q) for q in postures]
     assert np.abs(expected).max() > 0.3
@@ -123,7 +120,7 @@ def test_a_payload_has_the_inertia_of_a_ball_about_its_own_middle() -> None:
 
 
 def _inertia(plant: PlantConfig, joint: int) -> float:
-    """Of the link side of a joint, all others held [kg m2]."""
+    """Inertia of the link side of a joint, all others held [kg m2]."""
     model = build_model(ROBOT, plant)
     data = mujoco.MjData(model.mj)
     mujoco.mj_forward(model.mj, data)

@@ -8,8 +8,8 @@ import pytest
 from pepper_driver.backends import Command
 from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.parts import TouchSensor
-from pepper_driver.controller.model import RobotModel
 from support.contacts import FIXED, ROBOT, ROLLING, Robot, world
+from support.pinocchio_robot import PinocchioRobot
 
 SENSORS = ROBOT.sensors
 ALL = {**SENSORS.touch, **SENSORS.bumpers, **SENSORS.buttons}
@@ -82,7 +82,7 @@ def test_forces_of_several_contacts_add_up() -> None:
 
 
 def test_an_object_on_the_head_is_felt() -> None:
-    pose = RobotModel(ROBOT).link_pose("Head", ROBOT.posture("Stand"))
+    pose = PinocchioRobot().link_pose("Head", ROBOT.posture("Stand"))
     sensor = (pose @ [*SENSORS.touch["Head/Touch/Middle"].xyz, 1.0])[:3]
     outward = sensor - (pose @ [0.005, 0.0, 0.118, 1.0])[:3]  # from the centre of the head's sphere
     thing = {"shape": "sphere", "size": [0.05], "mass": 0.3, "start": 1.0}

@@ -1,20 +1,20 @@
-"""Ticks through ALMotion: they never wait, and say how old their samples are."""
+"""Ticks through ALMotion, in virtual time: they never wait, and say how old their samples are."""
 
-import time
 from collections.abc import Iterator
-from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pepper_driver.backends import BackendError, Measurement
 from pepper_driver.backends.naoqi.angles import AnglesChannel
-from pepper_driver.backends.naoqi.connection import Connection, connect
+from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.memory_keys import SensorKeys
 from pepper_driver.config import load_naoqi_settings
 from pepper_driver.config.arrays import FloatArray
-from support.naoqi_fakes import ROBOT, FakeRobot
-from support.waiting import wait_until
+from support.naoqi_fakes import ROBOT, Memory, Motion, well
+from support.virtual_naoqi import Served, VirtualNaoqi
+from support.virtual_time import Flag
 
 pytestmark = pytest.mark.usefixtures("qi")
 
@@ -22,76 +22,86 @@ ANGLES = load_naoqi_settings().angles
 GOAL = ROBOT.posture("Stand")
 
 
+class Fake:
+    """A robot whose ALMotion and ALMemory do what a test tells them to, and the link to it.
+
+    Attributes:
+        log: All that its ALMotion was told.
+    """
+
+    def __init__(self, naoqi: VirtualNaoqi) -> None:
+        self.time = naoqi.time
+        self.log: list[tuple[Any, ...]] = []
+        self.motion = Motion(self.log)
+        self.motion.may_answer, self.motion.may_soften = Flag(self.time), Flag(self.time)
+        self.motion.may_answer.set()
+        self.motion.may_soften.set()
+        for name, service in (("ALMotion", self.motion), ("ALMemory", Memory(well()))):
+            naoqi.offer(name, Served(naoqi.time, naoqi.group, service, 0))
+        self.connection: Connection = naoqi.connect()
+        self.link = self.channel()
+
+    def channel(self) -> AnglesChannel:
+        """Open another link."""
+        keys = SensorKeys(ROBOT, complete=False)
+        return AnglesChannel(self.connection, ROBOT, keys, ANGLES, clock=self.time.clock())
+
+    def ticks(self, count: int, stiffness: float = 1.0) -> list[Measurement]:
+        """Tick, 12 ms apart; return what was measured."""
+        measured = []
+        for _ in range(count):
+            measured.append(self.link.exchange(GOAL, np.full(17, stiffness)))
+            self.time.sleep(ROBOT.cycle)
+        return measured
+
+
 @pytest.fixture
-def fake() -> Iterator[FakeRobot]:
-    with FakeRobot() as fake:
+def fake() -> Iterator[Fake]:
+    with VirtualNaoqi() as naoqi:
+        fake = Fake(naoqi)
+        fake.link.start(np.ones(17))
+        fake.time.sleep(ROBOT.cycle / 2)
         yield fake
 
 
-@pytest.fixture
-def connection(fake: FakeRobot) -> Iterator[Connection]:
-    connection = connect(fake.address)
-    yield connection
-    connection.close()
-
-
-def made(connection: Connection) -> AnglesChannel:
-    return AnglesChannel(connection, ROBOT, SensorKeys(ROBOT, complete=False), ANGLES)
-
-
-def ticks(link: AnglesChannel, count: int, stiffness: float = 1.0) -> list[Measurement]:
-    """Measurements of ticks in real time."""
-    measured, due = [], time.monotonic()
-    for _ in range(count):
-        measured.append(link.exchange(GOAL, np.full(17, stiffness)))
-        due += ROBOT.cycle
-        time.sleep(max(0.0, due - time.monotonic()))
-    return measured
-
-
-def test_every_second_tick_sends_a_command(fake: FakeRobot, connection: Connection) -> None:
-    begin = time.monotonic()
-    link = made(connection)
-    link.start(np.ones(17))
-    measured = ticks(link, 100)
-    passed = (time.monotonic() - begin) / ROBOT.cycle
-    assert wait_until(lambda: len(fake.log) == 50 - measured[-1].dropped_commands)
-    assert set(fake.log) == {("setAngles", GOAL[0], ANGLES.speed)}
-    assert 95 <= measured[-1].tick <= passed + 1
-    assert all(later.tick >= m.tick for m, later in pairwise(measured))
+def test_every_second_tick_sends_a_command(fake: Fake) -> None:
+    measured = fake.ticks(100)
+    assert fake.log == 50 * [("setAngles", GOAL[0], ANGLES.speed)]
+    assert [sample.tick for sample in measured] == list(range(1, 101))
+    assert not any(sample.age or sample.dropped_commands for sample in measured)
     np.testing.assert_array_equal(measured[-1].position, fake.motion.commanded)
     assert np.isnan(measured[-1].current).all(), "this robot has no such keys"
 
 
-def test_a_robot_that_does_not_answer_holds_no_tick_up_and_its_samples_are_old(
-    fake: FakeRobot, connection: Connection
-) -> None:
-    link = made(connection)
-    link.start(np.ones(17))
+def test_ticks_that_did_not_take_place_count(fake: Fake) -> None:
+    assert fake.ticks(10)[-1].tick == 10
+    fake.time.sleep(20 * ROBOT.cycle)
+    assert [sample.tick for sample in fake.ticks(5)] == [30, 31, 32, 33, 34]
+
+
+def test_a_robot_that_does_not_answer_holds_no_tick_up_and_its_samples_are_old(fake: Fake) -> None:
+    begin = fake.time.seconds()
     fake.motion.may_answer.clear()
-    measured = ticks(link, 60)
-    assert measured[-1].age > 0.5
+    measured = fake.ticks(60)
+    assert fake.time.seconds() - begin == pytest.approx(60 * ROBOT.cycle)
+    # Tick n is n - 1/2 cycles after the first sample; three cycles are usual, as one asks every second.
+    assert measured[-1].age == pytest.approx((59.5 - 3) * ROBOT.cycle)
     assert measured[-1].dropped_commands == 29, "one command is on its way"
     assert not fake.log
     fake.motion.commanded = (GOAL + 0.1).tolist()
     fake.motion.may_answer.set()
-
-    def come() -> bool:
-        measured.extend(ticks(link, 1))
-        return bool(measured[-1].position[0] != GOAL[0])
-
-    assert wait_until(come)
-    assert measured[-1].age > 0.5, "from when it was asked for"
+    (first,) = fake.ticks(1)
+    assert first.position[0] == GOAL[0]
+    (come,) = fake.ticks(1)
+    assert come.position[0] == GOAL[0] + 0.1
+    assert come.age == pytest.approx((62 - 2 - 3) * ROBOT.cycle), "from when it was asked for"
 
 
-def test_stiffness_is_passed_on_when_it_changes(fake: FakeRobot, connection: Connection) -> None:
-    link = made(connection)
-    link.start(np.ones(17))
-
+def test_stiffness_is_passed_on_when_it_changes(fake: Fake) -> None:
     def told(stiffness: float) -> list[float]:
         """All that the robot was told by the time it has taken what it was told last."""
-        ticks(link, 4, stiffness)
-        assert wait_until(lambda: ticks(link, 2, stiffness) and link.idle)
+        fake.ticks(6, stiffness)
+        assert fake.link.idle
         entries = [entry for entry in fake.log if entry[0] == "setStiffnesses"]
         assert {number for _, number, _ in entries} <= {14}, "not the legs"
         return [value for *_, value in entries]
@@ -103,40 +113,35 @@ def test_stiffness_is_passed_on_when_it_changes(fake: FakeRobot, connection: Con
     assert told(1.0) == [0.5, 0.8, 0.99, 1.0], "the last bit of the way too"
 
 
-def test_stiffness_is_asked_for_and_unknown_while_ours_is_on_its_way(
-    fake: FakeRobot, connection: Connection
-) -> None:
+def test_stiffness_is_asked_for_and_unknown_while_ours_is_on_its_way(fake: Fake) -> None:
     """Else what the robot had before looks as if somebody had taken it away."""
-    link = made(connection)
-    link.start(np.ones(17))
-    soft = np.isin(ROBOT.joint_names, link.soft)
+    soft = np.isin(ROBOT.joint_names, fake.link.soft)
 
-    def shown(stiffness: float) -> FloatArray:
-        found = ticks(link, 1, stiffness)[-1].stiffness
+    def shown(stiffness: float, ticks: int = 1) -> FloatArray:
+        found = fake.ticks(ticks, stiffness)[-1].stiffness
         assert found is not None
         return found
 
     assert np.isnan(shown(1.0)).all()
-    assert wait_until(lambda: (shown(1.0)[soft] == 1.0).all())
+    assert (shown(1.0, 30)[soft] == 1.0).all()
     assert np.isnan(shown(1.0)[~soft]).all(), "nobody can change that of the legs"
     fake.motion.may_soften.clear()
-    ticks(link, 3, 0.2)
+    fake.ticks(3, 0.2)
     assert all(np.isnan(shown(0.2)).all() for _ in range(20))
     fake.motion.may_soften.set()
-    assert wait_until(lambda: (shown(0.2)[soft] == 0.2).all())
+    assert (shown(0.2, 30)[soft] == 0.2).all()
     for nonsense in ([], [0.2] * 3, "soft"):
         fake.motion.stiffnesses = nonsense
-        assert wait_until(lambda: np.isnan(shown(0.2)).all())
+        assert np.isnan(shown(0.2, 30)).all()
         fake.motion.stiffnesses = [0.2] * 14
-        assert wait_until(lambda: (shown(0.2)[soft] == 0.2).all())
+        assert (shown(0.2, 30)[soft] == 0.2).all()
 
 
-def test_samples_that_are_none(fake: FakeRobot, connection: Connection) -> None:
-    link = made(connection)
+def test_samples_that_are_none(fake: Fake) -> None:
     for bad in ([float("nan")] * 17, [0.0] * 3, []):
         fake.motion.commanded = bad
-        measured = ticks(link, 20)
+        measured = fake.ticks(20)
         np.testing.assert_allclose(measured[-1].position, GOAL)
-    assert measured[-1].age > 0.3
+    assert measured[-1].age > 0.6
     with pytest.raises(BackendError, match="where its joints are"):
-        made(connection)
+        fake.channel()

@@ -1,37 +1,23 @@
 """Taking a robot over from NAOqi, and giving it back whatever happened meanwhile."""
 
 import logging
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from pepper_driver.backends.naoqi.connection import Connection, connect
+from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.ownership import ConsentError, TakeOver
 from pepper_driver.backends.readiness import NotReadyError
-from pepper_driver.config import NaoqiSettings, load_naoqi_settings
+from pepper_driver.config import NaoqiSettings
 from pepper_driver.config.naoqi import TakeOverSettings
-from support import ROOT as CHECKOUT
-from support.naoqi_fakes import ROBOT, FakeRobot, address_of
-from support.processes import suspend
-from support.stand_ins import patient_driver
+from support.doctor import passing_clock
+from support.naoqi_fakes import PATIENT, ROBOT, FakeRobot
 
 pytestmark = pytest.mark.usefixtures("qi")
 
-SETTINGS = load_naoqi_settings()
-IMPATIENT = replace(SETTINGS, take_over_time=0.5)
-"""For what never comes."""
 Log = list[tuple[Any, ...]]
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _patient() -> Iterator[None]:
-    with patient_driver():
-        yield
 
 
 @pytest.fixture
@@ -42,19 +28,20 @@ def fake() -> Iterator[FakeRobot]:
 
 @pytest.fixture
 def connection(fake: FakeRobot) -> Iterator[Connection]:
-    connection = connect(fake.address, settings=SETTINGS)
+    connection = fake.connect()
     yield connection
     connection.close()
 
 
 def policy(**changes: Any) -> NaoqiSettings:
-    return replace(SETTINGS, take_over=replace(SETTINGS.take_over, **changes))
+    return replace(PATIENT, take_over=replace(PATIENT.take_over, **changes))
 
 
 def take_over(
-    connection: Connection, settings: NaoqiSettings = SETTINGS, *, wake: bool = False
+    connection: Connection, settings: NaoqiSettings = PATIENT, *, wake: bool = False
 ) -> TakeOver:
-    return TakeOver(connection, ROBOT, settings, wake=wake)
+    """Return one that has patience with calls, and by whose clock nobody waits for what never comes."""
+    return TakeOver(connection, ROBOT, settings, wake=wake, clock=passing_clock())
 
 
 def enabled(fake: FakeRobot) -> set[tuple[str, str | None]]:
@@ -158,7 +145,7 @@ def test_a_switch_that_does_not_move(fake: FakeRobot, connection: Connection) ->
     """It says yes, and stays on: this is why all are read again."""
     fake.motion.stuck.add("SmartStiffness")
     with pytest.raises(NotReadyError, match="smart stiffness stays on; restart the robot"):
-        take_over(connection, replace(SETTINGS, switch_time=0.2)).begin()
+        take_over(connection).begin()
     assert ("CollisionProtection", "LArm") in enabled(fake)
     assert fake.life.state == "solitary"
 
@@ -166,7 +153,7 @@ def test_a_switch_that_does_not_move(fake: FakeRobot, connection: Connection) ->
 def test_life_that_does_not_end(fake: FakeRobot, connection: Connection) -> None:
     fake.life.stays = True
     with pytest.raises(NotReadyError, match="autonomous life does not end"):
-        take_over(connection, IMPATIENT).begin()
+        take_over(connection).begin()
 
 
 def test_a_robot_that_lies_down_when_life_ends_is_woken_up_again(
@@ -198,7 +185,7 @@ def test_a_robot_that_does_not_wake_up(fake: FakeRobot, connection: Connection) 
     fake.motion.is_awake = False
     fake.motion.stuck.add("wakeUp")
     with pytest.raises(NotReadyError, match="does not wake up"):
-        take_over(connection, IMPATIENT, wake=True).begin()
+        take_over(connection, wake=True).begin()
 
 
 def test_touch_is_stopped_and_started_on_request(fake: FakeRobot, connection: Connection) -> None:
@@ -223,9 +210,9 @@ def test_what_cannot_be_given_back_is_told_and_the_rest_is(
 
 
 def test_a_robot_without_these_services() -> None:
-    """Of another version: what is not there moves nothing."""
+    """As of another version: what is not there moves nothing."""
     with FakeRobot(without=("ALAutonomousLife", "ALTouch", "ALLauncher")) as fake:
-        connection = connect(fake.address)
+        connection = fake.connect()
         with take_over(connection, policy(touch="off")):
             assert not enabled(fake)
         assert enabled(fake)
@@ -234,7 +221,7 @@ def test_a_robot_without_these_services() -> None:
 
 def test_given_back_over_another_connection(fake: FakeRobot, connection: Connection) -> None:
     before = enabled(fake)
-    first = connect(fake.address)
+    first = fake.connect()
     taken = take_over(first)
     taken.begin()
     first.close()
@@ -244,34 +231,10 @@ def test_given_back_over_another_connection(fake: FakeRobot, connection: Connect
 
 
 def test_a_lost_connection_is_told(fake: FakeRobot) -> None:
-    connection = connect(fake.address)
+    connection = fake.connect()
     taken = take_over(connection)
     taken.begin()
     connection.close()
     taken.restore()
     assert "autonomous life" in taken.left
     assert "push recovery" in taken.left
-
-
-def test_a_robot_that_hangs_is_not_waited_for() -> None:
-    server = (
-        f"import sys; sys.path.insert(0, {str(CHECKOUT / 'tests')!r})\n"
-        "from support.naoqi_fakes import FakeRobot\n"
-        "with FakeRobot() as fake: print(fake.uri, flush=True); sys.stdin.read()"
-    )
-    with subprocess.Popen(
-        [sys.executable, "-c", server], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout is not None
-        try:
-            connection = connect(address_of(process.stdout.readline().strip()))
-            taken = take_over(connection)
-            taken.begin()
-            suspend(process.pid)
-            started = time.monotonic()
-            taken.restore()
-            connection.close()
-            assert len(taken.left) > 5
-            assert time.monotonic() - started < 5 * SETTINGS.call_time, "once for all"
-        finally:
-            process.kill()

@@ -24,16 +24,15 @@ from pepper_driver.backends.naoqi.connection import (
     ServiceError,
     connect,
 )
-from pepper_driver.config import NaoqiSettings, PepperError, load_naoqi_settings
-from support.naoqi_fakes import FakeRobot, address_of
+from pepper_driver.config import NaoqiSettings, PepperError
+from support.certificates import certificate_in
+from support.naoqi_fakes import PATIENT, FakeRobot, address_of
 from support.processes import suspend
+from support.virtual_naoqi import VirtualNaoqi
 from support.waiting import PATIENCE
 
 pytestmark = pytest.mark.usefixtures("qi")
 
-PATIENT = replace(
-    load_naoqi_settings(), connect_time=PATIENCE, probe_time=PATIENCE, call_time=PATIENCE
-)
 QUICK_CONNECT = replace(PATIENT, connect_time=0.5)
 QUICK_PROBE = replace(QUICK_CONNECT, probe_time=0.5)
 QUICK_CALL = replace(PATIENT, call_time=0.5)
@@ -44,7 +43,7 @@ SERVER = """
 import sys, threading, time
 from pepper_driver.backends.naoqi.qi_library import load_qi
 class Slow:
-    def wait(self, seconds): time.sleep(seconds); return seconds
+    def wait(self, seconds): print("called", flush=True); time.sleep(seconds); return seconds
     def fail(self): raise ValueError("no such thing\\n\\twith a reason")
 session = load_qi().Session()
 session.listenStandalone("tcp://127.0.0.1:0")
@@ -65,6 +64,18 @@ def other_process() -> Iterator[tuple[subprocess.Popen[str], str]]:
             yield process, f"naoqi://127.0.0.1:{int(process.stdout.readline())}"
         finally:
             process.kill()
+
+
+def when_called(process: subprocess.Popen[str], action: Callable[[], object]) -> None:
+    """Do something as soon as a call has come to the service there, in a thread of its own."""
+    output = process.stdout
+    assert output is not None
+
+    def wait() -> None:
+        if output.readline():
+            action()
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 @contextmanager
@@ -106,26 +117,19 @@ def fake() -> Iterator[FakeRobot]:
 
 @pytest.fixture(scope="module")
 def certificate(tmp_path_factory: pytest.TempPathFactory) -> ssl.SSLContext:
-    folder = tmp_path_factory.mktemp("tls")
-    files = folder / "certificate.pem", folder / "key.pem"
-    subprocess.run(
-        [*["openssl", "req", "-x509", "-nodes", "-days", "2", "-subj", "/CN=fake", "-newkey", "ec"],
-         "-pkeyopt", "ec_paramgen_curve:prime256v1", "-keyout", files[1], "-out", files[0]],
-        check=True, capture_output=True,
-    )  # fmt: skip
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(*files)
+    context.load_cert_chain(*certificate_in(tmp_path_factory.mktemp("tls")))
     return context
 
 
 def tls_door(context: ssl.SSLContext, *, polite: bool = True) -> Callable[[socket.socket], None]:
-    """Lets nobody in; not polite: does not even say so."""
+    """Lets nobody in; not polite: does not even say so, until the other has left."""
 
     def answer(peer: socket.socket) -> None:
         with context.wrap_socket(peer, server_side=True) as inner:
             inner.recv(1000)
-            if not polite:
-                time.sleep(3)
+            while not polite and inner.recv(1000):
+                pass
 
     return answer
 
@@ -143,7 +147,7 @@ def failure(
 
 
 def test_calls_bring_what_a_service_answers(fake: FakeRobot) -> None:
-    connection = connect(fake.address)
+    connection = fake.connect()
     assert connection.connected
     assert {"ALMotion", "ALMemory", "DCM"} <= connection.service_names
     assert connection.call("ALSystem", "systemVersion") == "2.5.10.7"
@@ -247,7 +251,8 @@ def test_the_password_reaches_the_robot_and_calls_go_through(
             pass
 
     with listener(relay) as port:
-        connection = connect(address_of(f"naoqis://nao@127.0.0.1:{port}"), SECRET)
+        address = address_of(f"naoqis://nao@127.0.0.1:{port}")
+        connection = connect(address, SECRET, settings=PATIENT)
         assert connection.call("ALSystem", "systemVersion") == "2.5.10.7"
         connection.close()
     assert b"nao" in first[0]
@@ -256,7 +261,7 @@ def test_the_password_reaches_the_robot_and_calls_go_through(
 
 def test_what_a_service_refuses_is_one_line_with_its_reason() -> None:
     with other_process() as (_, uri):
-        connection = connect(address_of(uri))
+        connection = connect(address_of(uri), settings=PATIENT)
         with pytest.raises(
             ServiceError, match=r"Slow\.fail refused: .*no such thing with a reason$"
         ):
@@ -284,12 +289,10 @@ def test_a_call_that_takes_too_long() -> None:
 def test_the_robot_dies_in_a_call() -> None:
     lost = threading.Event()
     with other_process() as (process, uri):
-        connection = connect(address_of(uri), on_lost=lost.set)
-        threading.Timer(0.3, process.kill).start()
-        started = time.monotonic()
+        connection = connect(address_of(uri), on_lost=lost.set, settings=PATIENT)
+        when_called(process, process.kill)
         with pytest.raises(NotConnectedError, match="lost"):
-            connection.call("Slow", "wait", 30.0, timeout=20.0)
-        assert time.monotonic() - started < 15
+            connection.call("Slow", "wait", 2 * PATIENCE)
         assert lost.wait(PATIENCE)
         assert not connection.connected
         with pytest.raises(NotConnectedError):
@@ -299,7 +302,7 @@ def test_the_robot_dies_in_a_call() -> None:
 
 def test_a_call_that_is_cut_off_by_closing_is_no_refusal(fake: FakeRobot) -> None:
     """The library ends the calls under way first, and only then says that it is not connected."""
-    connection = connect(fake.address)
+    connection = fake.connect()
 
     class Closing:
         def isConnected(self) -> bool:
@@ -318,10 +321,15 @@ def test_a_call_that_is_cut_off_by_closing_is_no_refusal(fake: FakeRobot) -> Non
     session.close()
 
 
-def test_closing_is_no_loss(fake: FakeRobot) -> None:
-    lost = threading.Event()
-    connect(fake.address, on_lost=lost.set).close()
-    assert not lost.wait(0.3)
+def test_closing_is_no_loss() -> None:
+    lost: list[str] = []
+    with VirtualNaoqi() as robot:
+        closed = robot.connect(on_lost=lambda: lost.append("closed"))
+        robot.connect(on_lost=lambda: lost.append("cut"))
+        closed.close()
+        robot.set_fault("cut")
+        robot.time.sleep(1.0)
+    assert lost == ["cut"]
 
 
 def test_a_robot_that_hangs_holds_nobody_up() -> None:
@@ -338,11 +346,11 @@ def test_a_robot_that_hangs_holds_nobody_up() -> None:
 
 
 def test_ctrl_c_is_heard_in_a_call() -> None:
-    with other_process() as (_, uri):
-        connection = connect(address_of(uri))
-        threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+    with other_process() as (process, uri):
+        connection = connect(address_of(uri), settings=PATIENT)
+        when_called(process, lambda: os.kill(os.getpid(), signal.SIGINT))
         started = time.monotonic()
         with pytest.raises(KeyboardInterrupt):
-            connection.call("Slow", "wait", 30.0, timeout=20.0)
-        assert time.monotonic() - started < 15
+            connection.call("Slow", "wait", 2 * PATIENCE, timeout=2 * PATIENCE)
+        assert time.monotonic() - started < PATIENCE
         connection.close()

@@ -1,4 +1,4 @@
-"""Which sample a tick gets."""
+"""The sample that a tick gets."""
 
 from typing import cast
 

@@ -1,4 +1,4 @@
-"""Where a robot is, by URI, and where its password comes from: never from there."""
+"""Addresses of robots, by URI, and sources of their passwords, which a URI never is."""
 
 import getpass
 import io
@@ -159,7 +159,7 @@ def test_a_secret_does_not_show() -> None:
 
 
 def computer(system: str, machine: str, version: tuple[int, int]) -> dict[str, Any]:
-    """What the loader sees of a computer that has no library, where the controller has loaded pinocchio."""
+    """A computer as the loader sees it: without the library, and the controller has loaded pinocchio."""
 
     def import_module(name: str) -> object:
         raise ImportError(name)

@@ -25,9 +25,7 @@ from pepper_driver.config import (
     load_robot,
 )
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.observer import Contact
-from pepper_driver.realtime import RealTimePacer
-from support.virtual_naoqi import VirtualNaoqi
+from support.virtual_naoqi import VirtualNaoqi, pacer_of
 
 pytestmark = pytest.mark.usefixtures("qi")
 
@@ -63,7 +61,7 @@ def run(
     until: Callable[[Measurement], bool] = lambda _: False,
 ) -> list[Measurement]:
     """Ticks, paced as those of a robot."""
-    pacer, measured = RealTimePacer(ROBOT.cycle, backend, clock=backend.clock), []
+    pacer, measured = pacer_of(backend), []
     for tick in range(ticks):
         pacer.wait()
         measured.append(backend.read())
@@ -287,17 +285,6 @@ def test_a_stand_in_can_be_pushed(robot: VirtualNaoqi, backend: NaoqiRobot) -> N
         backend.grab("LForeArm", np.array([0.0, 0.01, 0.0]), stiffness=1.0)
     with pytest.raises(CapabilityError):
         _ = backend.truth
-
-
-def test_a_whole_pepper_feels_a_push(robot: VirtualNaoqi) -> None:
-    felt: list[Contact] = []
-    with robot.pepper(observer="fusion") as pepper:
-        pepper.on_contact()(felt.append)
-        pepper.set_posture({"LShoulderRoll": 0.6}, duration=1.5)
-        pepper.run(2.5)
-        pepper.push("LBicep", [0.0, 30.0, 0.0], point=[0.16, 0.0, 0.0], duration=1.0)
-        pepper.run(1.5)
-    assert [contact.joint for contact in felt][:1] == ["LShoulderRoll"]
 
 
 # -- what goes wrong ----------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Which command is for which cycle of the robot, and which one a sample answers."""
+"""Commands and the cycles of the robot that they are for; the command that a sample answers."""
 
 import numpy as np
 import pytest

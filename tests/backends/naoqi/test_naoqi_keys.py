@@ -1,4 +1,4 @@
-"""What the robot's values mean, and what is no sample."""
+"""Meaning of the robot's values, and answers that are no sample."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ PREFIX = "Device/SubDeviceList/"
 
 
 def answer(**changed: Any) -> list[Any]:
-    """Of a robot, each value its own; keys are places in the list."""
+    """Answer of a robot, each value its own; keys are places in the list."""
     values: list[Any] = [0.001 * place for place in range(len(KEYS.names))]
     values[KEYS.names.index("DCM/Time")] = -7
     for key, value in changed.items():

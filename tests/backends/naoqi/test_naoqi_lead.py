@@ -1,4 +1,4 @@
-"""How far ahead commands are sent, and which ways are too slow."""
+"""The time by which commands are sent ahead, and ways that are too slow."""
 
 from collections.abc import Callable
 from dataclasses import replace

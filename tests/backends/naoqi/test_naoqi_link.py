@@ -70,7 +70,7 @@ class Run:
         late: Callable[[int], float] = lambda _: 0.0,
         until: Callable[[Measurement], bool] = lambda _: False,
     ) -> bool:
-        """Whether ``until`` ended it. ``late`` says by how many ms the tick of a number begins late."""
+        """Return True if ``until`` ended it. ``late`` says by how many ms the tick of a number begins late."""
         for _ in range(number):
             self.loop.wait(late(len(self.given)))
             self.measured.append(self.loop.read())
@@ -228,7 +228,7 @@ def test_what_a_robot_that_hung_finds_waiting_is_harmless(speed: float, after: f
 
 
 def test_without_hanging_commands_are_far_larger_than_that_together() -> None:
-    """What the test before shows is the writer's doing."""
+    """The test before this shows the writer's doing."""
     run = Run(VirtualRobot(wire(5)), speed=1.6)
     run.ticks(200)
     assert np.abs(np.diff(run.given[150:], n=1, axis=0)).max() > 0.015

@@ -1,4 +1,4 @@
-"""When samples are requested, and how soon the DCM follows a command computed from one: in virtual time."""
+"""Times at which samples are requested, and at which the DCM follows a command computed from one: in virtual time."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SAMPLE_QUESTIONS = ("getListData", "getTime")
 
 @dataclass
 class Reaction:
-    """Of a run without its first second.
+    """Times of a run without its first second.
 
     Attributes:
         cycles: From the cycle of each sample to the cycle in which the DCM followed the command computed from it.

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from pepper_driver.backends import BackendError, NotConnectedError
-from pepper_driver.backends.naoqi.connection import Connection, connect
+from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.services import NaoqiRobotServices, abilities
 from pepper_driver.config import load_naoqi_settings
 from support.naoqi_fakes import FakeRobot
@@ -21,7 +21,7 @@ class Bench:
     def __init__(self, fake: FakeRobot) -> None:
         self.fake = fake
         self.active = False
-        self.link: Connection = connect(fake.address)
+        self.link: Connection = fake.connect()
         self.services = NaoqiRobotServices(
             fake.uri, lambda: self.link, lambda: self.active, load_naoqi_settings()
         )

@@ -1,11 +1,10 @@
-"""How old what is known of the robot is."""
+"""Age of what is known of the robot."""
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.backends.naoqi.dcm_channel import sample_age
-from pepper_driver.observer.residuals.prediction import MAX_LATE_TICKS as MAX_COUNTED
 
 CYCLE = 0.012
 HOUR = 3600.0
@@ -56,9 +55,3 @@ def test_a_robot_that_falls_silent_is_held_first_and_stopped_100_ms_after_its_la
     stopped = next(tick for tick, age in enumerate(ages) if age > 0.100)
     assert held < stopped
     assert 0.070 < stopped * CYCLE <= 0.100
-
-
-@given(late=st.integers(0, MAX_COUNTED), phase=REQUESTED | UNREQUESTED)
-def test_as_long_as_the_observer_counts_ages_are_whole_cycles(late: int, phase: float) -> None:
-    age = sample_age(late, phase + late * CYCLE, unacknowledged_time=0.0, watched=HOUR, cycle=CYCLE)
-    assert age / CYCLE == pytest.approx(late)

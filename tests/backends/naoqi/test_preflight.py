@@ -1,4 +1,4 @@
-"""What is asked of a robot before it moves, and each reason to refuse it, in one line with the cause and the remedy."""
+"""Questions to a robot before it moves, and each reason to refuse it, in one line with the cause and the remedy."""
 
 import math
 from collections.abc import Iterator
@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from pepper_driver.backends import DeviceError
-from pepper_driver.backends.naoqi.connection import Connection, connect
+from pepper_driver.backends.naoqi.connection import Connection
 from pepper_driver.backends.naoqi.preflight import (
     Preflight,
     check_robot,
@@ -33,7 +33,7 @@ def fake() -> Iterator[FakeRobot]:
 
 
 def asked(fake: FakeRobot, **more: Any) -> Preflight:
-    connection = connect(fake.address)
+    connection = fake.connect()
     try:
         return preflight(connection, ROBOT, KEYS, **more)
     finally:
@@ -47,8 +47,8 @@ def refused(fake: FakeRobot, **more: Any) -> str:
 
 
 def unfit(fake: FakeRobot, **more: Any) -> str:
-    """Why a robot is not activated; it is told nothing meanwhile."""
-    connection = connect(fake.address)
+    """Return why a robot is not activated; it is told nothing meanwhile."""
+    connection = fake.connect()
     with pytest.raises(NotReadyError) as caught:
         check_robot(connection, ROBOT, **{"settings": SETTINGS, "safety": SAFETY, **more})
     connection.close()
@@ -109,7 +109,7 @@ def test_keys_that_are_missing(fake: FakeRobot, value: object) -> None:
 
 
 def test_a_robot_fit_to_move(fake: FakeRobot) -> None:
-    connection = connect(fake.address)
+    connection = fake.connect()
     check_robot(connection, ROBOT, SETTINGS, SAFETY)
     connection.close()
     assert not fake.log
@@ -120,7 +120,7 @@ def test_motors_off(fake: FakeRobot) -> None:
     message = unfit(fake)
     assert "motors: off" in message
     assert "?wake=1" in message
-    connection = connect(fake.address)
+    connection = fake.connect()
     check_robot(connection, ROBOT, SETTINGS, SAFETY, may_sleep=True)
     connection.close()
 
@@ -129,7 +129,7 @@ def test_motors_off(fake: FakeRobot) -> None:
 def test_a_joint_outside_its_limits(fake: FakeRobot, beyond: float) -> None:
     joint = ROBOT.joints[ROBOT.joint_index("LElbowRoll")]
     fake.memory[key(ELBOW)] = joint.upper + 0.04
-    connection = connect(fake.address)
+    connection = fake.connect()
     check_robot(connection, ROBOT, SETTINGS, SAFETY)
     connection.close()
     fake.memory[key(ELBOW)] = joint.upper + beyond
@@ -156,7 +156,7 @@ def test_an_open_charging_flap(fake: FakeRobot) -> None:
     message = unfit(fake)
     assert "charging flap: open" in message
     assert "close the flap" in message
-    connection = connect(fake.address)
+    connection = fake.connect()
     check_robot(connection, ROBOT, replace(SETTINGS, charging_flap="stand"), SAFETY)
     connection.close()
 
@@ -164,7 +164,7 @@ def test_an_open_charging_flap(fake: FakeRobot) -> None:
 def test_a_motor_too_hot(fake: FakeRobot) -> None:
     name = key(NAMES.temperature_status.format(joint="KneePitch"))
     fake.memory[name] = 1.0
-    connection = connect(fake.address)
+    connection = fake.connect()
     check_robot(connection, ROBOT, SETTINGS, SAFETY)
     connection.close()
     fake.memory[name] = 2.0
@@ -184,7 +184,7 @@ def found_broken(connection: Connection) -> dict[str, DeviceError]:
 
 
 def test_the_diagnosis(fake: FakeRobot) -> None:
-    connection = connect(fake.address)
+    connection = fake.connect()
     assert diagnosis(connection, ROBOT) == ()
     fake.diagnosis.passive = [1, ["LElbowRoll", "Sonar"]]
     fake.diagnosis.active = [2, ["CameraDepth"]]
@@ -205,13 +205,13 @@ def test_the_diagnosis(fake: FakeRobot) -> None:
 
 def test_a_negligible_error_of_a_joint_stops_nothing(fake: FakeRobot) -> None:
     fake.diagnosis.passive = [0, ["HeadYaw"]]
-    connection = connect(fake.address)
+    connection = fake.connect()
     assert not found_broken(connection)["HeadYaw"].serious
     connection.close()
 
 
 def test_no_diagnosis() -> None:
     with FakeRobot(without=("ALDiagnosis", "ALMemory")) as fake:
-        connection = connect(fake.address)
+        connection = fake.connect()
         assert diagnosis(connection, ROBOT) is None
         connection.close()

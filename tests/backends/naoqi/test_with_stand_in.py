@@ -49,14 +49,14 @@ def take_over(
 
 
 def orders(robot: VirtualNaoqi) -> int:
-    """How many orders the DCM took in a time in which nobody here gives any."""
+    """Number of orders that the DCM took in a time in which nobody here gives any."""
     before = robot.black_box(last=1).orders[-1]
     robot.time.sleep(0.3)
     return int(robot.black_box(last=1).orders[-1] - before)
 
 
 def quiet(robot: VirtualNaoqi) -> bool:
-    """Whether nobody moves the robot; whoever did may be about to end."""
+    """Return True if nobody moves the robot; whoever did may be about to end."""
     return robot.time.clock().wait_for(lambda: orders(robot) == 0, 5.0)
 
 
@@ -133,6 +133,16 @@ def test_without_the_owners_consent() -> None:
         with robot.backend("angles") as backend:
             backend.open()
             backend.activate()  # leaves on what needs the owner
+
+
+def test_a_robot_that_hangs_is_not_waited_for(robot: VirtualNaoqi, connection: Connection) -> None:
+    taken = take_over(robot, connection)
+    taken.begin()
+    robot.suspend_naoqi()
+    begun = robot.time.seconds()
+    taken.restore()
+    assert robot.time.seconds() - begun == pytest.approx(SETTINGS.alive_time), "once for all"
+    assert len(taken.left) > 5
 
 
 # -- who is let in --------------------------------------------------------------------------------------------------

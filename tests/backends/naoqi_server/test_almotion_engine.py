@@ -1,8 +1,6 @@
-"""ALMotion's writer on a robot without physics: what it orders, when, and what it leaves alone."""
+"""ALMotion's writer on a robot without physics: its orders, their times, and what it leaves alone."""
 
 from pathlib import Path
-from threading import Thread
-from time import sleep
 
 import numpy as np
 import pytest
@@ -11,9 +9,9 @@ from pepper_driver.backends.naoqi_server.almotion.curves import Spline
 from pepper_driver.backends.naoqi_server.almotion.joints import AlmotionTask
 from pepper_driver.backends.naoqi_server.dcm import SPAN
 from pepper_driver.config import ConfigError, load_naoqi_services
-from pepper_driver.config.clock import MONOTONIC_CLOCK
 from pepper_driver.config.loading import package_file
 from support.almotion import CONFIG, SETTINGS, Stage, angle_key, hardness_key, joint, wheel_key
+from support.virtual_time import VirtualTime
 
 ARM = SETTINGS.chains["LArm"]
 LEG = SETTINGS.chains["Leg"]
@@ -296,14 +294,15 @@ def test_the_living_head_looks_around_and_no_farther_than_said(stage: Stage) -> 
 def test_closing_lets_go_whoever_waits(stage: Stage) -> None:
     task = stage.add(interpolation("HeadYaw", (100.0, 1.0)))
     results: list[bool] = []
-    waiting = Thread(target=lambda: results.append(task.wait(MONOTONIC_CLOCK)))
-    waiting.start()
+    time = VirtualTime()
+    time.start(lambda: results.append(task.wait(time.clock())), "client")
     stage.run(0.2)
-    sleep(0.05)
-    assert waiting.is_alive()
+    time.sleep(1.0)
+    assert not results, "it waits"
     stage.motion.close()
-    waiting.join(5.0)
+    time.sleep(0.1)
     assert results == [False]
+    time.close()
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from functools import partial
 from math import pi
-from threading import Thread
-from time import sleep
 from typing import Any
 
 import numpy as np
@@ -29,15 +27,15 @@ from pepper_driver.backends.naoqi_server.almotion.postures import PREFIX, Life, 
 from pepper_driver.backends.naoqi_server.almotion.wheels import DriveLimits
 from pepper_driver.backends.naoqi_server.memory import Memory
 from pepper_driver.config.transforms import transform
-from pepper_driver.controller import RobotModel
 from support.almotion import CONFIG, SETTINGS, Stage, hardness_key, joint, wheel_key
 from support.examples import examples
+from support.pinocchio_robot import PinocchioRobot
 
 BODY = JointGroups(CONFIG, SETTINGS)
 KINEMATICS = Kinematics(CONFIG, SETTINGS)
 STAND = CONFIG.posture("Stand").tolist()
 ORIGIN = np.zeros(3)
-MODEL = RobotModel(CONFIG)
+MODEL = PinocchioRobot()
 
 
 def test_groups_are_those_of_the_documentation() -> None:
@@ -147,20 +145,6 @@ def test_reflexes_need_consent_where_they_are_critical() -> None:
     AlmotionReflexes(BODY, consent=True).check_consent(False, "")
 
 
-def while_waiting(stage: Stage, call: Callable[[], Any]) -> Any:
-    """What a blocking call returns, with time going on meanwhile."""
-    results: list[Any] = []
-    thread = Thread(target=lambda: results.append(call()))
-    thread.start()
-    for _ in range(20_000):
-        stage.run(0.04)
-        if not thread.is_alive():
-            break
-        sleep(0.0005)
-    thread.join(5.0)
-    return results[0]
-
-
 class Parts:
     """Postures, waking and life of a robot in a posture."""
 
@@ -184,7 +168,7 @@ def test_waking_up_stiffens_then_stands_and_rest_is_the_way_back() -> None:
     stage, robot = parts.stage, parts.stage.robot
     assert not stage.motion.awake
     assert parts.postures.now == "Crouch"
-    assert while_waiting(stage, parts.waking.wake_up) is True
+    assert parts.waking.wake_up() is True
     assert parts.postures.now == "Stand"
     assert parts.events == [
         ("wakeUpStarted", True),
@@ -199,7 +183,7 @@ def test_waking_up_stiffens_then_stands_and_rest_is_the_way_back() -> None:
     steps = np.diff(robot.sent[hardness_key("HipPitch")])
     assert 0 < steps.max() < 2.1 * 0.02 / SETTINGS.stiffness_ramp
 
-    while_waiting(stage, parts.waking.rest)
+    parts.waking.rest()
     stage.run(0.1)
     assert parts.postures.now == "Crouch"
     assert not stage.motion.awake
@@ -216,7 +200,7 @@ def test_waking_up_switches_reflexes_on_again_but_two() -> None:
     reflexes = parts.stage.motion.reflexes
     for _ in range(2):  # asleep, then awake
         parts.stage.quiet()
-        while_waiting(parts.stage, parts.waking.wake_up)
+        parts.waking.wake_up()
         assert reflexes.self_collision == {"LArm": True, "RArm": True}
         assert reflexes.external == {"Move": True, "LArm": True, "RArm": True}
         assert (reflexes.fall_manager, reflexes.push_recovery) == (True, True)
@@ -234,11 +218,11 @@ def test_a_robot_that_stayed_awake_is_taken_over_awake() -> None:
 
 def test_rest_stops_the_base() -> None:
     parts = Parts("Stand")
-    while_waiting(parts.stage, parts.waking.wake_up)
+    parts.waking.wake_up()
     parts.stage.motion.base.drive(np.array([0.3, 0.0, 0.0]), DriveLimits.of(SETTINGS, {}))
     parts.stage.run(1.0)
     assert abs(parts.stage.robot.value(wheel_key("WheelFL"))) > 1
-    while_waiting(parts.stage, parts.waking.rest)
+    parts.waking.rest()
     assert parts.stage.robot.value(wheel_key("WheelFL")) == 0.0
 
 

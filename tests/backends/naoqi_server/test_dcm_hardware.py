@@ -13,6 +13,7 @@ from pepper_driver.backends.naoqi_server.shared_values import table_keys
 from pepper_driver.backends.selection import make_backend
 from pepper_driver.config import PepperError, load_plant, load_robot
 from pepper_driver.config.naoqi_devices import load_naoqi_devices
+from support.virtual_time import VirtualTime
 
 ROBOT = load_robot()
 DEVICES = load_naoqi_devices(ROBOT)
@@ -197,6 +198,35 @@ def test_pressed_sensors_are_published_and_let_go() -> None:
     values[:] = 0.0
     faults.sensors(values)
     assert not values.any()
+
+
+def test_a_share_of_the_samples_is_dropped() -> None:
+    """In place of each of them the one before is shown, which may be shown for longer."""
+    keys = table_keys(ROBOT, DEVICES)
+    faults = RobotFaults(ROBOT, keys)
+    faults.set("dropped", {"fraction": 0.33})
+    shown = []
+    for number in range(3000):
+        values = np.full(len(keys), float(number))
+        faults.sensors(values)
+        assert values.min() == values.max(), "whole samples"
+        shown.append(values[0])
+    dropped = np.array(shown) != np.arange(3000)
+    assert dropped.mean() == pytest.approx(0.33, abs=0.035), "four standard deviations"
+    assert (np.diff(shown)[dropped[1:]] == 0.0).all()
+
+
+def test_a_fault_of_the_robot_has_its_times() -> None:
+    keys, time = table_keys(ROBOT, DEVICES), VirtualTime()
+    faults = RobotFaults(ROBOT, keys, time.clock())
+    faults.set("press", {"seconds": 0.5, "after": 0.25})
+    pressed = []
+    for _ in range(8):
+        values = np.zeros(len(keys))
+        faults.sensors(values)
+        pressed.append(bool(values.any()))
+        time.sleep(0.125)
+    assert pressed == [False, False, True, True, True, True, False, False]
 
 
 @pytest.mark.parametrize(

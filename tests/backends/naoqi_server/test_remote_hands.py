@@ -12,6 +12,8 @@ from pepper_driver.backends.naoqi_server.hands import RemoteHand
 from pepper_driver.config import PepperError, UnknownNameError
 from support.virtual_naoqi import VirtualNaoqi
 
+pytestmark = pytest.mark.usefixtures("qi")
+
 CYCLE = 0.012  # [s]
 
 

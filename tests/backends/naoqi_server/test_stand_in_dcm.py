@@ -33,7 +33,7 @@ Order = tuple[int, UpdateType, Sequence[TimedCommand]]
 
 
 def played(given_orders: Sequence[Order], *, origin: int = 0, cycle: int = 12) -> list[float]:
-    """What one actuator is sent in 30 cycles from ``origin`` on; orders (cycle, type, commands) come before one."""
+    """Values sent to one actuator in 30 cycles from ``origin`` on; orders (cycle, type, commands) come before one."""
     dcm = Dcm({KEY: 0.0}, origin)
     sent = []
     for number in range(1, 31):

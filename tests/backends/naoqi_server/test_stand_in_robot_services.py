@@ -11,7 +11,8 @@ import pytest
 
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.config import load_robot
-from support.stand_in_session import PREFIX, connected, stays
+from support.stand_in_session import PREFIX, connected
+from support.stand_ins import let_cycles_pass, stays
 from support.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("qi")
@@ -95,18 +96,26 @@ def test_a_joint_gets_where_set_angles_sends_it(stand_in: StandIn, motion: Any) 
     motion.angleInterpolation(list(goals), [0.0, 1.58], 1.0, True)
 
 
-def test_a_blocking_move_holds_up_nobody(stand_in: StandIn, motion: Any) -> None:
+FAR = 100.0  # [m] a way that no test waits for
+
+
+def test_a_move_ends_at_its_goal(stand_in: StandIn, motion: Any) -> None:
     start = stand_in.black_box(1).base[0]
-    moving = motion.moveTo(0.3, 0.0, 0.0, _async=True)
+    assert motion.moveTo(0.3, 0.0, 0.0) is True
+    end = stand_in.black_box(1).base[0]
+    assert np.hypot(*(end - start)[:2]) == pytest.approx(0.3, abs=0.02)
+
+
+def test_a_blocking_move_holds_up_nobody(motion: Any) -> None:
+    moving = motion.moveTo(FAR, 0.0, 0.0, _async=True)
     waits = [motion.waitUntilMoveIsFinished(_async=True) for _ in range(10)]
     assert wait_until(motion.moveIsActive)
     questions = [motion.getAngles("Body", True, _async=True) for _ in range(40)]
     assert all(len(question.value()) == 17 for question in questions)
     assert moving.isRunning()  # so none of them had to wait for it
-    assert moving.value() is True
+    motion.stopMove()
+    assert moving.value() is False
     assert all(wait.value() is None for wait in waits)
-    end = stand_in.black_box(1).base[0]
-    assert np.hypot(*(end - start)[:2]) == pytest.approx(0.3, abs=0.02)
 
 
 def test_blocking_motions_can_be_killed(motion: Any) -> None:
@@ -179,7 +188,7 @@ def test_breath_and_idle_posture_exclude_each_other(motion: Any) -> None:
 
 
 def quiet(motion: Any) -> None:
-    """What drivers for the DCM switch off."""
+    """Switch off what drivers for the DCM do."""
     motion.setCollisionProtectionEnabled("Arms", False)
     motion.setExternalCollisionProtectionEnabled("All", False)
     motion.setDiagnosisEffectEnabled(False)
@@ -189,17 +198,17 @@ def quiet(motion: Any) -> None:
 
 
 def orders(stand_in: StandIn) -> int:
-    """How many orders the DCM has taken."""
+    """Number of orders that the DCM has taken."""
     return int(stand_in.black_box(1).orders[0])
 
 
 def is_left_alone(stand_in: StandIn) -> bool:
-    """Whether the DCM takes no order for a while."""
-    return stays(lambda: orders(stand_in), 0.3)
+    """Return True if the DCM takes no order for a while."""
+    return stays(stand_in, lambda: orders(stand_in))
 
 
 def is_written_to(stand_in: StandIn) -> bool:
-    """Whether somebody gives the DCM one order after the other."""
+    """Return True if somebody gives the DCM one order after the other."""
     before = orders(stand_in)
     return wait_until(lambda: orders(stand_in) > before + 10)
 
@@ -216,7 +225,7 @@ def test_almotion_fights_a_user_of_the_dcm_until_all_is_off(
         time.sleep(0.012)
 
     def jumps() -> bool:
-        """Whether the DCM sent two values one after the other that are far apart: one is ours, one is not."""
+        """Return True if the DCM sent two values in a row that are far apart: one is ours, one is not."""
         swing(0.3)
         sent = stand_in.black_box(80).position_command[:, index(name)]
         return bool(np.abs(np.diff(sent)).max() > 0.1)
@@ -230,6 +239,7 @@ def test_almotion_fights_a_user_of_the_dcm_until_all_is_off(
     before = orders(stand_in)
     for step in range(25):
         swing(0.3 - 0.012 * step)
+    let_cycles_pass(stand_in)
     assert orders(stand_in) == before + 25  # none but ours
     motion.wakeUp()
     assert motion.getFallManagerEnabled()
@@ -261,7 +271,7 @@ def test_a_living_robot_writes_by_itself(
 def test_bumpers_stop_a_move(motion: Any, outside: Any, service: Callable[[str], Any]) -> None:
     failed = heard(service, "ALMotion/MoveFailed")
     motion.wakeUp()  # its protection on again
-    moving = motion.moveTo(3.0, 0.0, 0.0, _async=True)
+    moving = motion.moveTo(FAR, 0.0, 0.0, _async=True)
     assert wait_until(motion.moveIsActive)
     outside.setFault("press", {"sensors": "FrontLeft"})
     assert moving.value() is False
@@ -276,7 +286,7 @@ def test_postures(motion: Any, service: Callable[[str], Any]) -> None:
     posture = service("ALRobotPosture")
     assert posture.goToPosture("Crouch", 1.0) is True
     assert (posture.getPosture(), posture.getPostureFamily()) == ("Crouch", "Crouching")
-    going = posture.goToPosture("StandInit", 0.2, _async=True)
+    going = posture.goToPosture("StandInit", 0.1, _async=True)  # in 17 s
     assert wait_until(lambda: posture.getPosture() == "Unknown")  # it has left the other one
     posture.stopMove()
     assert going.value() is False
@@ -329,7 +339,7 @@ def all_leds(memory: Any) -> list[str]:
     return [key for key in memory.getDataList("/Led/") if key.endswith("/Actuator/Value")]
 
 
-def test_touch_can_be_ended(outside: Any, service: Callable[[str], Any]) -> None:
+def test_touch_can_be_ended(stand_in: StandIn, outside: Any, service: Callable[[str], Any]) -> None:
     touch = service("ALTouch")
     names = {name for name, _ in touch.getStatus()}
     assert names == set(touch.getSensorList())
@@ -340,11 +350,14 @@ def test_touch_can_be_ended(outside: Any, service: Callable[[str], Any]) -> None
     )
     outside.clearFaults()
     assert wait_until(lambda: not any(down for _, down in touch.getStatus()))
-    events = heard(service, "TouchChanged")
+    events, memory = heard(service, "TouchChanged", "My/Other"), service("ALMemory")
     touch.exit()
     outside.setFault("press", {"sensors": "Head/Touch/Front"})
-    time.sleep(0.3)
-    assert events == []
+    assert wait_until(lambda: memory.getData(PREFIX + "Head/Touch/Front/Sensor/Value") == 1.0)
+    let_cycles_pass(stand_in)
+    memory.raiseEvent("My/Other", 1)
+    assert wait_until(lambda: told(events, "My/Other") == [1])
+    assert told(events, "TouchChanged") == []
 
 
 def test_what_a_ros_driver_asks_for_at_its_start(

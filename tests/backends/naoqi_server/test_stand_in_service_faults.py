@@ -1,7 +1,5 @@
 """Faults of services: late, refused and wrong answers, for the calls that are meant and as long as they last."""
 
-import threading
-import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -12,6 +10,7 @@ from pepper_driver.backends import BackendError
 from pepper_driver.backends.naoqi_server.faults import parse_fault
 from pepper_driver.backends.naoqi_server.service_faults import BODY_TYPE, ServiceFaults
 from pepper_driver.config.clock import MONOTONIC_CLOCK, Clock
+from support.virtual_time import VirtualTime
 
 VALUES = {"a/Value": 1.0, "b/Value": 2.0, BODY_TYPE: "Juliette"}
 
@@ -27,20 +26,6 @@ class Memory:
 
     def getListData(self, keys: list[str]) -> list[Any]:
         return [VALUES[key] for key in keys]
-
-
-class Time:
-    """A clock that stands until a test lets time pass.
-
-    Attributes:
-        now: [s].
-    """
-
-    now = 100.0
-
-    @property
-    def clock(self) -> Clock:
-        return Clock(now=lambda: round(1e9 * self.now))
 
 
 class Client:
@@ -127,37 +112,35 @@ def test_errors_are_for_the_calls_that_are_meant(calls: str, refused: bool) -> N
 
 
 def test_a_fault_begins_and_ends_at_its_times() -> None:
-    passing = Time()
-    _, memory = make("none:seconds=2,after=1", clock=passing.clock)
+    time = VirtualTime()
+    _, memory = make("none:seconds=2,after=1", clock=time.clock())
     seen = []
     for _ in range(5):
         seen.append(memory.getData("a/Value"))
-        passing.now += 0.75
+        time.sleep(0.75)
     assert seen == [1.0, 1.0, None, None, 1.0]  # at 0, 0.75, 1.5, 2.25, 3
 
 
 def test_a_stalled_call_is_answered_at_the_end_and_nothing_else_waits() -> None:
-    faults, memory = make("stall:ALMemory.getData")
+    time = VirtualTime()
+    faults, memory = make("stall:ALMemory.getData", clock=time.clock())
     answers: list[float] = []
-    thread = threading.Thread(target=lambda: answers.append(memory.getData("a/Value")), daemon=True)
-    thread.start()
+    time.start(lambda: answers.append(memory.getData("a/Value")), "client")
+    time.sleep(5.0)
+    begin = time.seconds()
     assert memory.getListData(["b/Value"]) == [2.0]
-    thread.join(0.2)
+    assert time.seconds() == begin
     assert not answers
     faults.clear()
-    thread.join(10.0)
+    time.sleep(0.01)
     assert answers == [1.0]
+    time.close()
 
 
-def test_a_stall_ends_by_itself() -> None:
-    _, memory = make("stall:seconds=0.2")
-    begin = time.monotonic()
+@pytest.mark.parametrize(("fault", "seconds"), [("stall:seconds=0.2", 0.2), ("slow:0.1", 0.1)])
+def test_a_call_that_is_held_up_takes_its_time(fault: str, seconds: float) -> None:
+    time = VirtualTime()
+    _, memory = make(fault, clock=time.clock())
+    begin = time.seconds()
     assert memory.getData("a/Value") == 1.0
-    assert time.monotonic() - begin >= 0.2
-
-
-def test_a_slow_call_takes_its_time_longer() -> None:
-    _, memory = make("slow:0.1")
-    begin = time.monotonic()
-    assert memory.getData("a/Value") == 1.0
-    assert time.monotonic() - begin >= 0.1
+    assert time.seconds() - begin == pytest.approx(seconds, abs=0.005)

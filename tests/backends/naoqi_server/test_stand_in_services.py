@@ -104,25 +104,6 @@ def test_orders_reach_the_actuators(dcm: Any, memory: Any) -> None:
     assert wait_until(lambda: leds() == [0.3, 0.4, 0.5])
 
 
-def test_a_joint_moves_along_a_straight_line_in_time(
-    dcm: Any, memory: Any, stand_in: StandIn
-) -> None:
-    dcm.set(["HeadYaw/Hardness/Actuator/Value", "ClearAll", [[1.0, dcm.getTime(0)]]])
-    start = dcm.getTime(1000)  # on a busy machine the order is slow to come
-    dcm.set([HEAD, "ClearAll", [[0.1, start], [0.5, wrapped(start + 400)]]])
-    assert wait_until(lambda: memory.getData(HEAD) == 0.5)
-    assert wait_until(
-        lambda: abs(memory.getData(f"{PREFIX}HeadYaw/Position/Sensor/Value") - 0.5) < 0.03
-    )
-    box = stand_in.black_box()
-    yaw = box.position_command[:, 3]
-    on_way = (box.date > start) & (box.date < start + 400)
-    assert on_way.sum() > 10
-    expected = 0.1 + 0.4 * (box.date[on_way] - start) / 400
-    assert yaw[on_way] == pytest.approx(expected, abs=1e-12)
-    assert box.position[-1, 3] == pytest.approx(0.5, abs=0.03)
-
-
 @pytest.mark.parametrize(
     ("method", "request_", "words"),
     [
@@ -285,7 +266,7 @@ def test_pushes_and_truth(outside: Any, stand_in: StandIn) -> None:
     (begin,) = stand_in.black_box(1).cycle
 
     def swing() -> float:
-        """How far the arm was away since then [rad]."""
+        """Largest way of the arm from there since then [rad]."""
         box = stand_in.black_box()
         return float(np.abs(box.position[box.cycle >= begin, 5] - before).max())
 

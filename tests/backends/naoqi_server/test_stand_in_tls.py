@@ -5,7 +5,6 @@ import ssl
 import struct
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -83,18 +82,21 @@ def test_who_has_the_token_comes_in(door: NetworkProxy) -> None:
     client.close()
 
 
-def test_all_services_go_through_the_door(door: NetworkProxy) -> None:
+def test_all_services_go_through_the_door(door: NetworkProxy, qi_server: tuple[str, int]) -> None:
     """The directory tells the server's own endpoint, which a client here could reach: it does not use it."""
-    client = session("nao", "a token")
+    client, past_the_door = session("nao", "a token"), session(None)
     client.connect(f"tcps://127.0.0.1:{door.address[1]}")
-    echo = client.service("Echo")
+    past_the_door.connect(f"tcp://127.0.0.1:{qi_server[1]}")
+    echo, directly = client.service("Echo"), past_the_door.service("Echo")
     door.link("blocked")
     answer = echo.echo("later", _async=True)
-    time.sleep(0.3)
+    for _ in range(200):  # the service has the time for it
+        assert directly.echo("now") == "now"
     assert answer.isRunning()
     door.link("open")
     assert answer.value(20_000) == "later"
     client.close()
+    past_the_door.close()
 
 
 @pytest.mark.parametrize(

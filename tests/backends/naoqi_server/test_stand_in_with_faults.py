@@ -1,6 +1,7 @@
 """Each fault as a client of qi sees it, and what the robot did meanwhile: the black box has it, which nothing stops."""
 
 import time
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -11,7 +12,8 @@ from pepper_driver.backends import BackendError
 from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.backends.naoqi_server.shared_values import BlackBox
 from pepper_driver.config import UnknownNameError, load_robot
-from support.stand_ins import since
+from support.stand_in_session import connected
+from support.stand_ins import let_cycles_pass, since
 from support.waiting import wait_until
 
 ROBOT = load_robot()
@@ -19,7 +21,6 @@ PREFIX = ROBOT.naoqi.prefix
 JOINT = "RShoulderPitch"
 PLACE = ROBOT.joint_names.index(JOINT)
 ANSWER = 20_000  # [ms] for an answer that must come, on a busy machine
-NONE_COMES = 300  # [ms] in which one that must not come would have come
 
 
 def key(pattern: str, joint: str = JOINT) -> str:
@@ -43,39 +44,12 @@ def order(session: Any, actuator: str, value: float) -> None:
 def test_dropped_samples_stand_while_the_robot_goes_on(stand_in: StandIn, session: Any) -> None:
     memory = session.service("ALMemory")
     stand_in.set_fault("dropped")
-    assert wait_until(lambda: standing(memory))
-    before, begin = memory.getData("DCM/Time"), time.monotonic()
-    assert wait_until(lambda: len(since(stand_in, begin)) > 25)
+    let_cycles_pass(stand_in)  # one more is shown, and then again and again
+    before = memory.getData("DCM/Time")
+    let_cycles_pass(stand_in)
     assert memory.getData("DCM/Time") == before
     stand_in.clear_faults()
     assert wait_until(lambda: memory.getData("DCM/Time") != before)
-
-
-def standing(memory: Any) -> bool:
-    before = memory.getData("DCM/Time")
-    time.sleep(0.1)
-    return bool(memory.getData("DCM/Time") == before)
-
-
-def test_a_share_of_the_samples_can_be_dropped(stand_in: StandIn, session: Any) -> None:
-    """Of the dates that a robot shows, a third goes. Cycles in which nobody looked are not known."""
-    stand_in.set_fault("dropped:0.33")
-    looks: list[tuple[float, float, float]] = []
-
-    def shown() -> dict[int, bool]:
-        """Whether each cycle's date was shown, by its number."""
-        for _ in range(20):
-            begin, date = time.monotonic(), stand_in.robot.value("DCM/Time")
-            looks.append((begin, time.monotonic(), date))
-            time.sleep(0.002)
-        box = stand_in.black_box()
-        begin, end, date = np.array(looks).T
-        place = np.searchsorted(box.end, begin) - 1  # the newest cycle when the look began
-        known = (place == np.searchsorted(box.end, end) - 1) & (date <= box.date[place])
-        return dict(zip(place[known], date[known] == box.date[place[known]], strict=True))
-
-    assert wait_until(lambda: len(shown()) > 80)
-    assert 0.4 < np.mean(list(shown().values())) < 0.9
 
 
 def test_a_robot_asleep_takes_no_stiffness(stand_in: StandIn, session: Any) -> None:
@@ -88,7 +62,7 @@ def test_a_robot_asleep_takes_no_stiffness(stand_in: StandIn, session: Any) -> N
     assert wait_until(lambda: not stand_in.black_box(1).stiffness.any())
     begin = time.monotonic()
     order(session, HARDNESS, 1.0)
-    time.sleep(0.3)
+    let_cycles_pass(stand_in)
     box = since(stand_in, begin)
     assert not box.stiffness.any()
     assert not box.wheel_command.any()
@@ -138,17 +112,6 @@ def test_sensors_show_what_they_are_told(
     assert wait_until(lambda: memory.getData(shows) != value)
 
 
-def test_a_fault_of_the_robot_has_its_times(stand_in: StandIn, session: Any) -> None:
-    told: dict[float, float] = {}
-    button = session.service("ALMemory").subscriber("ChestButtonPressed")
-    button.signal.connect(lambda value: told.setdefault(value, time.monotonic()))
-    begin = time.monotonic()
-    stand_in.set_fault("press:seconds=0.5,after=0.5")
-    assert wait_until(lambda: set(told) == {0.0, 1.0})
-    assert told[1.0] - begin > 0.5
-    assert told[0.0] - begin > 1.0
-
-
 # -- NAOqi's services -----------------------------------------------------------------------------------------------
 
 
@@ -163,9 +126,9 @@ def test_services_answer_wrongly_or_not(stand_in: StandIn, session: Any) -> None
     assert memory.getData("RobotConfig/Body/Type") == "Nao"
     stand_in.set_fault("stall:DCM.getPrefix")
     waiting = dcm.getPrefix(_async=True)
-    waiting.wait(NONE_COMES)
+    for _ in range(20):  # others are answered meanwhile
+        assert memory.getData(POSITION) is not None
     assert waiting.isRunning()
-    assert memory.getData(POSITION) is not None
     stand_in.clear_faults()
     assert waiting.value(ANSWER)[0] == PREFIX
     assert dcm.getTime(0)
@@ -189,7 +152,7 @@ def test_a_hung_naoqi_says_nothing_and_the_robot_goes_on(stand_in: StandIn, sess
     begin = time.monotonic()
     stand_in.set_fault("hang")
     answer = dcm.getTime(0, _async=True)
-    answer.wait(NONE_COMES)
+    let_cycles_pass(stand_in)
     assert answer.isRunning()
     assert session.isConnected()
     with pytest.raises(BackendError, match="NAOqi process does not answer"):
@@ -200,7 +163,7 @@ def test_a_hung_naoqi_says_nothing_and_the_robot_goes_on(stand_in: StandIn, sess
 
 
 def continues(box: BlackBox) -> bool:
-    """Whether the robot made a cycle every 12 ms of its own time."""
+    """Return True if the robot made cycles, each at its place in its own time."""
     return len(box) > 10 and set(np.diff(box.date) - 12 * np.diff(box.cycle)) == {0}
 
 
@@ -236,7 +199,10 @@ def test_a_blocked_link_holds_everything_back(stand_in: StandIn, session: Any) -
     stand_in.set_fault("blocked")
     orders = stand_in.black_box(1).orders[0]
     answer = dcm.set([HARDNESS, "ClearAll", [[0.5, stand_in.robot.time()]]], _async=True)
-    answer.wait(NONE_COMES)
+    with connected(f"tcp://127.0.0.1:{stand_in._naoqi_at[1]}") as past_the_link:
+        for _ in range(20):  # NAOqi has the time for it
+            assert past_the_link.service("DCM").getTime(0)
+    let_cycles_pass(stand_in)
     assert answer.isRunning()
     assert stand_in.black_box(1).orders[0] == orders
     stand_in.clear_faults()
@@ -255,18 +221,20 @@ def test_a_cut_link_disconnects(qi: ModuleType, stand_in: StandIn, session: Any)
     another.close()
 
 
-def test_a_network_is_late(stand_in: StandIn, session: Any) -> None:
-    dcm = session.service("DCM")
+def test_a_network_is_late(stand_in: StandIn, session: Any, tmp_path: Path) -> None:
+    """By far more than a busy machine is."""
+    dcm, slow = session.service("DCM"), tmp_path / "slow.yaml"
+    slow.write_text("name: slow\ndelay: 0.2\njitter: 0.0\nstall_probability: 0.0\nstall: 0.0\n")
 
     def round_trip() -> float:
         begin = time.perf_counter()
         dcm.getTime(0)
         return time.perf_counter() - begin
 
-    stand_in.set_fault("network:wifi")
-    assert min(round_trip() for _ in range(20)) > 0.003
+    stand_in.set_fault(f"network:{slow}")
+    assert min(round_trip() for _ in range(3)) >= 0.4
     stand_in.clear_faults()
-    assert wait_until(lambda: round_trip() < 0.003)
+    assert wait_until(lambda: round_trip() < 0.2)
 
 
 # -- how they are set -----------------------------------------------------------------------------------------------

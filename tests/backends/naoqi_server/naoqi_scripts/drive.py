@@ -36,7 +36,7 @@ def main(session):
     print("stopped", motion.stopMove(), motion.moveIsActive())
 
     # Start a long way, and think better of it.
-    future = motion.moveTo(2.0, 0.0, 0.0, _async=True)
+    future = motion.moveTo(20.0, 0.0, 0.0, _async=True)
     while not motion.moveIsActive():
         time.sleep(0.1)
     print("on its way", future.isRunning())

@@ -69,7 +69,7 @@ class TestNaoqi(
     sequences = 8
 
     @pytest.fixture(autouse=True)
-    def _awake(self) -> Iterator[None]:
+    def _awake(self, qi: object) -> Iterator[None]:
         with VirtualNaoqi("mujoco://?seed=7") as self.robot:
             self.robot.wake_up()
             yield

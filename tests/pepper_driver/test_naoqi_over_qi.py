@@ -85,7 +85,7 @@ def test_a_whole_pepper_feels_a_push(robot: StandIn) -> None:
 
 
 def priorities() -> list[int]:
-    """Of libqi's threads in this process."""
+    """Priorities of libqi's threads in this process."""
     tasks = list(Path("/proc/self/task").iterdir())
     names = {task.name: (task / "comm").read_text() for task in tasks}
     ours = [int(task) for task, name in names.items() if name.startswith(THREADS)]

@@ -51,7 +51,7 @@ def backend(log: Path) -> Iterator[ReplayBackend]:
 
 
 def answered(backend: ReplayBackend, step: int) -> Command:
-    """What was sent in a step, as far as the recording says."""
+    """The command of a step, as far as the recording says."""
     place = min(step + backend.info.response_delay, TICKS - 1)
     return backend.commands[place]
 
@@ -149,7 +149,7 @@ def test_another_program_does_not(log: Path) -> None:
 def test_a_command_too_old_to_be_known_is_not_compared(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where a sample answers an older command than the loop keeps, the log has the oldest it kept beside it."""
+    """Beside a sample that answers an older command than the loop keeps, the log has the oldest it kept."""
     ways = iter([MAX_RESPONSE_DELAY + 10] * 80 + [MAX_RESPONSE_DELAY] * 20)
     path = tmp_path / "run.mcap"
     with Pepper("mujoco://?seed=5", observer=None, log=path) as pepper:

@@ -85,7 +85,7 @@ def _stiffness(measurement: Measurement) -> FloatArray:
 
 
 def up_and_down(tick: int) -> FloatArray:
-    """What a reflex that softens an arm asks for; the legs keep theirs."""
+    """The stiffness that a reflex which softens an arm asks for; the legs keep theirs."""
     return np.where(LEGS, 1.0, 0.2 if (tick // 130) % 2 == 0 else 1.0)
 
 
