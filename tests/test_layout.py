@@ -129,7 +129,7 @@ NO_BEGIN = ("What", "Who", "How", "Whether", "When", "Where", "Which", "Of", "Th
 """First words of docstrings that are neither imperatives nor noun phrases."""
 
 
-@pytest.mark.parametrize("folder", [*LAYERS, "benchmarks", "examples"])
+@pytest.mark.parametrize("folder", [*LAYERS, "benchmarks", "examples", "tests"])
 def test_docstrings_are_imperatives_or_noun_phrases(folder: str) -> None:
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     files = sources(folder)
