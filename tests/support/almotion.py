@@ -122,8 +122,8 @@ class Stage:
         self, *, posture: str = "Stand", clock: int = 5_000, consent: bool = False
     ) -> None:
         self.robot = IdealRobot(posture, clock)
-        clock = Clock(now=lambda: 1_000_000 * self.robot.now, sleep=self._sleep)
-        self.motion = MotionEngine(self.robot, CONFIG, SETTINGS, consent=consent, clock=clock)
+        time = Clock(now=lambda: 1_000_000 * self.robot.now, sleep=self._sleep)
+        self.motion = MotionEngine(self.robot, CONFIG, SETTINGS, consent=consent, clock=time)
         self._passed = 0
 
     def run(self, seconds: float, each: Callable[[], object] = lambda: None) -> None:
