@@ -12,6 +12,13 @@ from pepper_driver.log import LogWriter
 from support.log_samples import ROBOT
 
 
+def refusal(capsys: pytest.CaptureFixture[str]) -> str:
+    """Return what a command said; that it compiles kernels first, in a new checkout, is another matter."""
+    lines = capsys.readouterr().err.splitlines()
+    (said,) = [line for line in lines if not line.startswith("pepper_driver compiles its kernels")]
+    return said
+
+
 def test_a_log_that_is_being_written_stays_as_it_is(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with LogWriter(path, ROBOT, {}):
@@ -42,9 +49,7 @@ def test_commands_refuse_a_folder_in_use(
     with lock_folder(folder):
         assert run([str(folder) if word == "PATH" else word for word in command]) == 2
         assert [p.name for p in folder.iterdir()] == [FOLDER_LOCK]
-    error = capsys.readouterr().err
-    assert error.startswith(f"pepper: {folder}: is being written by process ")
-    assert error.count("\n") == 1
+    assert refusal(capsys).startswith(f"pepper: {folder}: is being written by process ")
 
 
 @pytest.mark.parametrize(
@@ -62,6 +67,4 @@ def test_commands_refuse_a_log_in_use(
         before = log.read_bytes()
         assert run([str(log) if word == "PATH" else word for word in command]) == 2
         assert log.read_bytes() == before
-    error = capsys.readouterr().err
-    assert error.startswith(f"pepper: {log}: is being written by process ")
-    assert error.count("\n") == 1
+    assert refusal(capsys).startswith(f"pepper: {log}: is being written by process ")
