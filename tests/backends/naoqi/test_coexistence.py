@@ -40,7 +40,7 @@ def policy(**changes: Any) -> NaoqiSettings:
 def take_over(
     connection: Connection, settings: NaoqiSettings = PATIENT, *, wake: bool = False
 ) -> TakeOver:
-    """Return one that has patience with calls, and by whose clock nobody waits for what never comes."""
+    """Return one that has patience with calls, and whose clock passes at once where it would wait."""
     return TakeOver(connection, ROBOT, settings, wake=wake, clock=passing_clock())
 
 

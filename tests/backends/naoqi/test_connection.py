@@ -123,7 +123,7 @@ def certificate(tmp_path_factory: pytest.TempPathFactory) -> ssl.SSLContext:
 
 
 def tls_door(context: ssl.SSLContext, *, polite: bool = True) -> Callable[[socket.socket], None]:
-    """Lets nobody in; not polite: does not even say so, until the other has left."""
+    """Refuse all, without an answer, until the other has left."""
 
     def answer(peer: socket.socket) -> None:
         with context.wrap_socket(peer, server_side=True) as inner:

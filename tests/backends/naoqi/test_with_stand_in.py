@@ -49,14 +49,14 @@ def take_over(
 
 
 def orders(robot: VirtualNaoqi) -> int:
-    """Number of orders that the DCM took in a time in which nobody here gives any."""
+    """Number of orders that the DCM took in a time in which this test gives none."""
     before = robot.black_box(last=1).orders[-1]
     robot.time.sleep(0.3)
     return int(robot.black_box(last=1).orders[-1] - before)
 
 
 def quiet(robot: VirtualNaoqi) -> bool:
-    """Return True if nobody moves the robot; whoever did may be about to end."""
+    """Return True if no program moves the robot; the one that did may be about to end."""
     return robot.time.clock().wait_for(lambda: orders(robot) == 0, 5.0)
 
 

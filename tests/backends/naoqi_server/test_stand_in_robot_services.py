@@ -208,7 +208,7 @@ def is_left_alone(stand_in: StandIn) -> bool:
 
 
 def is_written_to(stand_in: StandIn) -> bool:
-    """Return True if somebody gives the DCM one order after the other."""
+    """Return True if a program gives the DCM one order after the other."""
     before = orders(stand_in)
     return wait_until(lambda: orders(stand_in) > before + 10)
 

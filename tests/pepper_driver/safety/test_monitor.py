@@ -1,4 +1,4 @@
-"""Motors that are not as they were told to be: made soft by somebody else, or without an answer."""
+"""Motors that do not follow their command: soft by another program, or without an answer."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Robots of a split: judged once, kept, and the same whoever works."""
+"""Robots of a split: judged once, kept, and the same on any number of workers."""
 
 from dataclasses import replace
 from functools import partial
