@@ -82,7 +82,7 @@ with LogWriter(out / "run.mcap", ROBOT, metadata) as log:
     log.append(TickRecord(tick=Samples(3).tick(3)))
 read = read_log(out / "run.mcap")
 assert (read["pressure"][:3] == given).all()
-assert np.isnan(read["pressure"][3]).all(), "nobody measured it"
+assert np.isnan(read["pressure"][3]).all(), "it was not measured"
 file = read_log_file(out / "run.mcap")
 assert (ReplayBackend(ROBOT, file, "replay://run.mcap").measurements[1].pressure == given[1]).all()
 export_log(read, out / "run.csv", "csv")

@@ -136,11 +136,11 @@ def test_a_target_of_the_board_that_is_not_the_command_is_no_touch(offset: float
     motion = swing(8.0, rest=1.0)
     time = np.arange(len(motion)) * CYCLE
     made = strayed(motion, np.where((time > 2.0) & (time < 6.0), offset, 0.0))
-    strays = (time > 2.5) & (time < 5.9)
+    off = (time > 2.5) & (time < 5.9)
     model = residuals(fusion_generator(parts=BY_MODEL), made)[:, ELBOW]
-    assert np.abs(model[strays]).min() > 0.6 * abs(offset)
+    assert np.abs(model[off]).min() > 0.6 * abs(offset)
     seen = residuals(fusion_generator(), made)[:, ELBOW]
-    assert np.abs(seen[strays]).max() < 0.3 * abs(offset)
+    assert np.abs(seen[off]).max() < 0.3 * abs(offset)
 
 
 def test_a_current_that_nothing_moves_by_is_no_touch() -> None:

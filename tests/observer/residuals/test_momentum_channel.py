@@ -220,7 +220,7 @@ def test_a_board_at_its_limit_gives_twice_what_is_needed_without_touch(
 def test_a_board_that_strays_by_less_than_four_degrees_is_not_at_its_limit(
     side: float, degrees: float, at_limit: bool
 ) -> None:
-    """Recorded boards stray by as much, and give more current than needed for other reasons."""
+    """Targets of recorded boards drift by as much, and give more current than needed for other reasons."""
     resistance, size = side * 0.01 - CURRENT.offset, 0.025
     channels, drive = channel(), -side * math.radians(degrees)
     _, motor = residual(channels, size, drive=drive, resistance=resistance, ticks=50)
