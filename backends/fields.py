@@ -176,7 +176,7 @@ _STATES = "0 free, 1 contact, 2 release, 3 rebound, 4 blind, 5 doubtful"
 _RESPONSE_DELAY = "ticks before this one in which the command was given that this sample answers; -1 for response_delay"
 _STEP = "number of the tick since the log began, also of ticks not in it"
 _PACED = "from the deadline of the tick to its end; NaN where not paced"
-_TOLD = "0..1 at the motor boards, NaN where unknown"
+_MOTOR_STIFFNESS = "0..1 at the motor boards, NaN where unknown"
 _PASSED = "clock of the robot at the first sample that answers a later command"
 
 TICK_FIELDS: tuple[TickField, ...] = (
@@ -206,7 +206,7 @@ TICK_FIELDS: tuple[TickField, ...] = (
     _F(_M, "bumpers", "bumpers", "", "1 where pressed"),
     _F(_M, "buttons", "buttons", "", "1 where pressed"),
     _F(_M, "temperature", "joints", "[deg C]", "motors"),
-    _F(_M, "stiffness", "joints", "", _TOLD, absent=nan),
+    _F(_M, "stiffness", "joints", "", _MOTOR_STIFFNESS, absent=nan),
     _LIMITED,
     _F(_O, "state", "joints", "", _STATES, "int8"),
 )

@@ -122,5 +122,5 @@ def _check_vector(name: str, value: ArrayLike, most: float, unit: str) -> None:
 def _check_number(name: str, value: object, *, above_zero: bool = False) -> None:
     if is_number(value) and isfinite(value) and (value > 0 or (value == 0 and not above_zero)):
         return
-    wanted = "above 0" if above_zero else "from 0 up"
-    raise CommandError(f"{name} must be a finite number {wanted}, got {shown(value)}")
+    range_text = "above 0" if above_zero else "from 0 up"
+    raise CommandError(f"{name} must be a finite number {range_text}, got {shown(value)}")

@@ -20,7 +20,7 @@ class RobotServices:
 
     def __init__(self, uri: str) -> None:
         self._uri = uri
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
 
     def say(self, text: str) -> None:
         """Begin to speak; return when the robot has accepted the order, before it has spoken."""
@@ -73,6 +73,6 @@ class RobotServices:
         self._report_missing("neither wakes up nor rests")
 
     def _report_missing(self, what: str) -> None:
-        if what not in self._told:
-            self._told.add(what)
+        if what not in self._reported:
+            self._reported.add(what)
             logger.warning("'%s' %s: nothing happens", self._uri, what)

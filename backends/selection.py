@@ -70,9 +70,9 @@ class BackendUri:
             return default
         most = MAX_INTEGER if most is None else most
         if not (text.isascii() and text.isdecimal() and len(text) < 20 and int(text) <= most):
-            wanted = "0 or more" if most == MAX_INTEGER else f"from 0 to {most}"
+            range_text = "0 or more" if most == MAX_INTEGER else f"from 0 to {most}"
             raise ConfigError(
-                f"backend '{self.text}': {key} must be a whole number, {wanted}, got {shown(text)}"
+                f"backend '{self.text}': {key} must be a whole number, {range_text}, got {shown(text)}"
             )
         return int(text)
 
@@ -123,7 +123,7 @@ def with_query(uri: str, **values: str | int | None) -> str:
 
 
 def takes_delay(uri: str) -> bool:
-    """Return true for a robot that is told its response delay; a simulated one knows its own."""
+    """Return true for a robot whose response delay is an option of the URI; a simulation has its own."""
     parsed = parse_uri(uri)
     return parsed.scheme in ("naoqi", "naoqis") and parsed.query.get("mode") != "angles"
 

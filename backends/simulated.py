@@ -69,7 +69,7 @@ class Hand(ABC):
     def move(self, position: ArrayLike, *, max_force: float | None = None) -> None:
         """Set where the hand is to go; it follows at 1 m/s and 10 m/s2 at most.
 
-        It must be told again within its timeout, even to stay where it is: a hand that no one moves lets go.
+        Call it again within the timeout, even to stay there: a hand that no one moves lets go.
 
         Args:
             position: (3,) in the world [m].

@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from pepper_driver.config.recordings import (
         Calibration,
         CalibrationSettings,
-        ChaseFigures,
         ChaseProtocol,
+        ChaseResults,
         Chases,
         HoldStatistics,
         RampProtocol,
@@ -60,8 +60,8 @@ __all__ = [
     "Calibration",
     "CalibrationSettings",
     "Capsule",
-    "ChaseFigures",
     "ChaseProtocol",
+    "ChaseResults",
     "Chases",
     "ConfigError",
     "ConstraintSwitches",
@@ -114,7 +114,7 @@ __all__ = [
 _HOMES = {
     "Calibration": "recordings",
     "CalibrationSettings": "recordings",
-    "ChaseFigures": "recordings",
+    "ChaseResults": "recordings",
     "ChaseProtocol": "recordings",
     "Chases": "recordings",
     "DoctorSettings": "doctor",

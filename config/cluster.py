@@ -140,9 +140,9 @@ def sources_hash(apart: Collection[str] = ()) -> str:
 
 def _difference(there: Mapping[str, str | None], here: Mapping[str, str]) -> str:
     """Return in words what differs first; empty if nothing does."""
-    for name, wanted in here.items():
-        if name in there and there[name] != wanted:
-            return f"has {name} {there[name] or '(none)'} and this machine {wanted}"
+    for name, own in here.items():
+        if name in there and there[name] != own:
+            return f"has {name} {there[name] or '(none)'} and this machine {own}"
     return ""
 
 
@@ -452,7 +452,7 @@ class ClusterBackend(ParallelBackendBase):  # type: ignore[misc]
         self._calling = False
 
     def submit(self, func: Callable[[], Any], callback: Callable[[Any], None]) -> DaskFuture:
-        """Send jobs; ``callback`` hears in any case."""
+        """Send jobs; ``callback`` is called in any case."""
         from cloudpickle import dumps
 
         future = self._client.submit(
@@ -492,7 +492,7 @@ class ClusterBackend(ParallelBackendBase):  # type: ignore[misc]
         seen = time.monotonic()
         while self._calling:
             await asyncio.sleep(WATCH_PERIOD)
-            with contextlib.suppress(OSError):  # of a scheduler that is lost, each job hears
+            with contextlib.suppress(OSError):  # a lost scheduler is reported by each job
                 if (await self._client.scheduler.identity(n_workers=0))["n_workers"]:
                     seen = time.monotonic()
             if self._calling and time.monotonic() - seen > LOST_TIME:

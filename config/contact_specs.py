@@ -20,7 +20,7 @@ from pepper_driver.config.task_specs import Label, Named
 Axes = Literal["world", "link"]
 Degrees = Annotated[float, Field(gt=0, le=90)]
 
-STRONGEST_HAND = 1000.0
+MAX_HAND_FORCE = 1000.0
 """[N] No contact may be stronger, not even one that is meant to saturate."""
 
 SOFTEST_HAND, STIFFEST_HAND = 300.0, 3000.0
@@ -64,7 +64,7 @@ class PushSpec(Touch):
     duration: Positive
 
     def __post_init__(self) -> None:
-        _check_vector("force", self.force, STRONGEST_HAND, "N")
+        _check_vector("force", self.force, MAX_HAND_FORCE, "N")
 
     @property
     def largest(self) -> Vector3:
@@ -96,7 +96,7 @@ class GrabSpec(Touch):
     pull: Vector3
     frame: Axes = "world"
     stiffness: Annotated[float, Field(ge=SOFTEST_HAND, le=STIFFEST_HAND)] = 1000.0
-    max_force: Annotated[float, Field(gt=0, le=STRONGEST_HAND)] = 100.0
+    max_force: Annotated[float, Field(gt=0, le=MAX_HAND_FORCE)] = 100.0
     rise: Positive = 0.5
     hold: NonNegative = 1.0
     release: Positive = 0.1
@@ -190,7 +190,7 @@ class RandomPushes(RandomTouch):
     balanced: bool = False
     degrees: tuple[Degrees, Degrees]
     points: dict[str, Points]
-    max_force: Annotated[float, Field(gt=0, le=STRONGEST_HAND)] = STRONGEST_HAND
+    max_force: Annotated[float, Field(gt=0, le=MAX_HAND_FORCE)] = MAX_HAND_FORCE
     max_distal_ratio: NonNegative | None = None
 
     def __post_init__(self) -> None:
@@ -218,7 +218,7 @@ class RandomForces(RandomTouch):
     """
 
     kind: Literal["random_forces"]
-    newtons: tuple[Positive, Annotated[float, Field(gt=0, le=STRONGEST_HAND)]]
+    newtons: tuple[Positive, Annotated[float, Field(gt=0, le=MAX_HAND_FORCE)]]
     points: Points
 
     def __post_init__(self) -> None:

@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from types import BuiltinFunctionType, FunctionType, MethodType
 from typing import Any
 
-LONGEST_SHOWN = 80
+MAX_SHOWN = 80
 """Letters of a wrong value that a message repeats."""
 
 MAX_REASON_LENGTH = 300
@@ -128,10 +128,10 @@ def shown(value: object) -> str:
         return f"the function {value.__name__}"
     text = repr(value)
     # A memory address differs from run to run, and helps no reader.
-    if len(text) <= LONGEST_SHOWN and text.isprintable() and " at 0x" not in text:
+    if len(text) <= MAX_SHOWN and text.isprintable() and " at 0x" not in text:
         return text
     if isinstance(value, str):
-        return f"{value[:LONGEST_SHOWN]!r}..."
+        return f"{value[:MAX_SHOWN]!r}..."
     if hasattr(value, "shape") and hasattr(value, "dtype"):
         return f"an array {value.shape} of {value.dtype}"
     return with_article(type(value).__name__)

@@ -253,25 +253,25 @@ class Experiment:
         return time, count
 
 
-def find_experiment(name: str | Path, beside: str = "") -> Path:
+def find_experiment(name: str | Path, including_file: str = "") -> Path:
     """Return the file of a shipped experiment, or the path given, which ends in ``.yaml``.
 
     Args:
         name: Name or path.
-        beside: File in whose folder a relative path begins; empty for the working directory.
+        including_file: File in whose folder a relative path begins; empty for the working directory.
 
     Raises:
         UnknownNameError: No shipped experiment has this name.
     """
     if str(name).endswith((".yaml", ".yml")):
-        return Path(beside).parent / name
+        return Path(including_file).parent / name
     for folder in FOLDERS:
         if str(name) in shipped_names(folder):
             return package_file(folder, f"{name}.yaml")
     names = [name for folder in FOLDERS for name in shipped_names(folder)]
     own = f"{name}.yaml"
     with suppress(OSError):  # of a name that no file can have
-        if (Path(beside).parent / own).is_file():
+        if (Path(including_file).parent / own).is_file():
             names.append(own)
     if own not in names:
         names.append("FILE.yaml")

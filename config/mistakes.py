@@ -13,7 +13,7 @@ from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
 
-from pepper_driver.config.errors import LONGEST_SHOWN, suggestion, with_article
+from pepper_driver.config.errors import MAX_SHOWN, suggestion, with_article
 
 HIDDEN = {"hidden": True}
 """Metadata of fields that files do not have."""
@@ -155,7 +155,7 @@ def as_written(value: object) -> str:
     if not isinstance(value, str | int | float | bool | None):
         return kind_of_value(value)
     text = json.dumps(value, ensure_ascii=False)
-    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
+    return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."
 
 
 def kind_of_value(value: object) -> str:
@@ -180,16 +180,16 @@ def _mistakes(problems: list[ErrorDetails]) -> list[ErrorDetails]:
         for place, problem in found.items()
         if not any(place == other[: len(place)] for other in found if len(other) > len(place))
     }
-    for *beside, name in [place for place, p in found.items() if p["type"] == _UNKNOWN_KEY]:
+    for *parents, name in [place for place, p in found.items() if p["type"] == _UNKNOWN_KEY]:
         absent = [
             str(place[-1])
             for place, problem in found.items()
-            if problem["type"] == "missing" and place[:-1] == (*beside,)
+            if problem["type"] == "missing" and place[:-1] == (*parents,)
         ]
         if absent:
-            found[*beside, name]["ctx"]["known"] = absent
+            found[*parents, name]["ctx"]["known"] = absent
         for close in get_close_matches(str(name), absent, n=1, cutoff=0.5):
-            del found[*beside, close]  # it is there, but misspelt
+            del found[*parents, close]  # it is there, but misspelt
     return list(found.values())
 
 

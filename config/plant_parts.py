@@ -55,7 +55,7 @@ class Targets:
     ``speed_limit`` [rad/s] bounds how fast a target runs (null: not at all). A chase lasts from when the first target
     falls behind its command until none is; with probability ``fast_chases`` the targets of ``fast_joints`` run twice as
     fast in it. ``wander_time`` [s] is the time constant with which targets wander (:attr:`Actuator.wander`);
-    ``stray`` [rad] are the smallest and the largest size of a stray (:attr:`Actuator.strays`), small ones more often.
+    ``stray`` [rad] are the smallest and the largest drift at rest (:attr:`Actuator.strays`), small ones more often.
     """
 
     speed_limit: Positive | None
@@ -218,7 +218,7 @@ class Actuator:
 
     ``kp`` [V/rad], ``ki`` [V/(rad s)], ``kd`` [V s/rad] board gains; the board takes an error within ``dead_band``
     [rad] for none; ``current_limit`` [A] at stiffness 1; ``wander`` [rad] is the standard deviation by which its target
-    wanders, ``strays`` the fraction of rests at which it strays from the command; ``efficiency`` is the fraction of the
+    wanders, ``strays`` the fraction of rests at which it drifts off the command; ``efficiency`` is the fraction of the
     motor's torque that reaches the joint; ``half_gap`` [rad] half the backlash;
     ``gear_stiffness`` [N m/rad] and ``gear_damping`` [N m s/rad] of teeth in contact; ``motor_damping``
     [N m s/rad] at the shaft. ``origin`` says where each value comes from.

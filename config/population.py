@@ -1,7 +1,7 @@
 """Robots of a population by the numbers of their draws: some for development, the others held out for tests.
 
 Who tunes an observer on the robots that then judge it learns nothing. Draws from DEVELOPMENT_DRAWS on are refused for
-every plant, whoever asks, except inside :func:`allow_test_draws`. No file can change that: another plant with the same
+every plant and caller, except inside :func:`allow_test_draws`. No file can change that: another plant with the same
 section ``randomise`` would draw the same robots. Only Python code can allow them, in its own process.
 """
 
@@ -21,7 +21,7 @@ T = TypeVar("T")
 DEVELOPMENT_DRAWS = 100
 """Draws for development, the first ones; all others are for tests."""
 
-MOST_DRAWS = 1000
+MAX_DRAWS = 1000
 """In one list of draws."""
 
 _PART = re.compile(r"(\d{1,12})(?:-(\d{1,12}))?", re.ASCII)
@@ -86,8 +86,8 @@ def parse_draws(text: str) -> tuple[int, ...]:
         first, last = int(found[1]), int(found[2] or found[1])
         if last < first:
             raise ConfigError(f"draws: the range {first}-{last} ends before it begins")
-        if len(numbers) + last - first >= MOST_DRAWS:
-            raise ConfigError(f"draws: {shown(text)} are more than {MOST_DRAWS}")
+        if len(numbers) + last - first >= MAX_DRAWS:
+            raise ConfigError(f"draws: {shown(text)} are more than {MAX_DRAWS}")
         numbers.extend(range(first, last + 1))
     if len(set(numbers)) != len(numbers):
         raise ConfigError(f"draws: {shown(text)} give a draw twice")

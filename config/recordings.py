@@ -63,8 +63,8 @@ class HoldStatistics:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class ChaseFigures:
-    """Figures of one joint under the commands as recorded; None where a recording does not tell.
+class ChaseResults:
+    """Results of one joint under the commands as recorded; None where a recording has none.
 
     At the ends of holds: median, 90th percentile and maximum of the absolute error [deg]; fractions of holds that end
     ``short`` of the goal and ``beyond`` it; R2 of the error by the side of approach, by gravity, and by the current
@@ -104,11 +104,11 @@ class ChaseFigures:
 class Chases:
     """Recordings of fast commands to random goals: ``figures`` by joint.
 
-    ``stiffness`` [N m/rad] by joint is the one by which errors without current were told.
+    ``stiffness`` [N m/rad] by joint is the one by which errors without current were counted.
     """
 
     stiffness: dict[str, Positive]
-    figures: dict[str, ChaseFigures]
+    figures: dict[str, ChaseResults]
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -214,13 +214,13 @@ def load_calibration(robot: RobotConfig) -> Calibration:
         raise experiment.error("steps", "calibration needs a step with holds")
     recordings = load_recordings(robot)
     settings = load(CalibrationSettings, package_file("calibration.yaml"))
-    for where, given, wanted in (
+    for where, given, expected in (
         ("experiments/calibrate.yaml", set(step.goals.joints), set(recordings.holds)),
         ("calibration.yaml", set(settings.largest_residual_deg), set(recordings.tables)),
         ("calibration.yaml", set(settings.chases.joints), set(recordings.chases.figures)),
         ("recordings.yaml", set(recordings.chases.stiffness), set(recordings.chases.figures)),
     ):
-        if given != wanted:
+        if given != expected:
             raise ConfigError(f"{where}: its joints are not those of recordings.yaml")
     return Calibration(
         recordings=recordings,

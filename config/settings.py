@@ -85,8 +85,8 @@ class AttentiveSettings:
         """Return the amplitude of a joint [rad]: more than its friction takes away."""
         if joint not in self.friction_deg:
             return float(np.radians(self.amplitude_deg))
-        wanted = self.friction_deg[joint] + self.slide_deg
-        return float(np.radians(min(wanted, self.max_amplitude_deg)))
+        needed_deg = self.friction_deg[joint] + self.slide_deg
+        return float(np.radians(min(needed_deg, self.max_amplitude_deg)))
 
     def turning(self, joint: str) -> float:
         """Return the part of a swing that a joint crosses in its turn, 0 to MAX_TURNING: what friction takes away.

@@ -128,10 +128,10 @@ class _Waker:
         if cls.thread is not None or not hasattr(signal, "SIGURG"):  # Windows
             return
         if cls.sockets is None:
-            told = signal.set_wakeup_fd(-1)
-            signal.set_wakeup_fd(told)
+            descriptor = signal.set_wakeup_fd(-1)
+            signal.set_wakeup_fd(descriptor)
             urgent = signal.getsignal(signal.SIGURG)
-            if told != -1 or urgent not in (signal.SIG_DFL, _wake_up):
+            if descriptor != -1 or urgent not in (signal.SIG_DFL, _wake_up):
                 return
             cls.sockets = socket.socketpair()
             cls.sockets[1].setblocking(False)

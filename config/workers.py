@@ -140,7 +140,7 @@ def _sent(future: Future[object]) -> bool:
 
 @contextmanager
 def _starting() -> Iterator[None]:
-    """Start processes: an exception meanwhile would leave them without anybody who ends them."""
+    """Start processes: an exception meanwhile would leave them running for ever."""
     with deferred_signals(), _deaf_processes():
         yield
 

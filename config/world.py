@@ -47,9 +47,9 @@ class WorldObject:
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        wanted = SIZES[self.shape]
+        sizes = SIZES[self.shape]
         if len(self.size) != {"box": 3, "sphere": 1, "capsule": 2}[self.shape]:
-            raise ValueError(f"size of a {self.shape} is {wanted}; {len(self.size)} are given")
+            raise ValueError(f"size of a {self.shape} is {sizes}; {len(self.size)} are given")
         if self.mass is None and (any(self.velocity) or self.start):
             raise ValueError("velocity and start are for objects with a mass; this one is fixed")
         return self

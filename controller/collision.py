@@ -144,7 +144,7 @@ def _place(
 
 
 @kernel
-def _share(length: float, whole: float) -> float:
+def _fraction(length: float, whole: float) -> float:
     """Return the fraction of a length, within 0 and 1."""
     return min(max(length, 0.0), whole) / whole
 
@@ -177,18 +177,18 @@ def _axis_distance(
         f += d2 * r
     s = t = 0.0  # fractions of the segments
     if a <= MIN_SQUARE and e > MIN_SQUARE:
-        t = _share(f, e)
+        t = _fraction(f, e)
     elif a > MIN_SQUARE and e <= MIN_SQUARE:
-        s = _share(-c, a)
+        s = _fraction(-c, a)
     elif a > MIN_SQUARE:
         sine = a * e - b * b
         if sine > MIN_SQUARE:
-            s = _share(b * f - c * e, sine)
+            s = _fraction(b * f - c * e, sine)
         t = b * s + f
         if t <= 0.0:
-            s, t = _share(-c, a), 0.0
+            s, t = _fraction(-c, a), 0.0
         elif t >= e:
-            s, t = _share(b - c, a), 1.0
+            s, t = _fraction(b - c, a), 1.0
         else:
             t /= e
     square = 0.0

@@ -1,4 +1,4 @@
-"""A simulated Pepper raises its arm, is pushed, stops, and says what it felt. Run: python examples/feel_a_push.py."""
+"""A simulated Pepper raises its arm, is pushed, stops, and prints the contact. Run: python examples/feel_a_push.py."""
 
 from pepper_driver import Contact, Hold, Pepper
 

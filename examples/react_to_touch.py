@@ -1,4 +1,4 @@
-"""All that a simulated Pepper tells, and all ways to hear it. Run: python examples/react_to_touch.py."""
+"""All events of a simulated Pepper, and all ways to receive them. Run: python examples/react_to_touch.py."""
 
 import asyncio
 
@@ -83,8 +83,8 @@ asyncio.run(main())
 with pepper:  # again, without asyncio: wait for a contact, and let the robot run meanwhile
     pepper.run(1.0)
     push_arm()
-    felt = pepper.wait_for_contact(timeout=2.0, joint="LShoulderRoll")
-    print("waited for", "nothing" if felt is None else f"contact {felt.id}")
+    detected = pepper.wait_for_contact(timeout=2.0, joint="LShoulderRoll")
+    print("waited for", "nothing" if detected is None else f"contact {detected.id}")
     pepper.emergency_stop()
     try:
         pepper.run(1.0)

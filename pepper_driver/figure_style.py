@@ -1,6 +1,6 @@
 """Style of all figures: colours, lines, fonts, words for joints, legends and files; needs the extra ``plot``.
 
-The colours are those of Okabe and Ito, which people with any colour vision can tell apart, with two dark ones more.
+The colours are those of Okabe and Ito, which people with any colour vision can distinguish, with two dark ones more.
 Lines that share a panel also differ in brightness, width or dashes.
 """
 
@@ -200,7 +200,7 @@ def same_limits(
 ) -> None:
     """Give panels of one kind the same limits, so that heights can be compared.
 
-    A panel that is OUTLIER times as high as the others has limits of its own, and says so: beside it no line of theirs
+    A panel that is OUTLIER times as high as the others has limits of its own, and says so: next to it no line of theirs
     could be read.
 
     Args:

@@ -84,7 +84,7 @@ class RealTimePacer(Pacer):
     Sleeping ends 0.1 ms late at normal priority. Spinning through the last 0.3 ms would take that away and keep the
     interpreter from all other threads meanwhile; a robot that samples every 12 ms at a phase of its own gains nothing.
 
-    A robot's clock is not this computer's. The first tick is put where its cycles want it, and the others follow them
+    A robot's clock is not this computer's. The first tick is put where its cycles need it, and the others follow them
     by at most ``MAX_PHASE_SHIFT`` of a cycle each. The sample of a tick is requested shortly before it.
 
     Args:

@@ -110,7 +110,7 @@ class Pepper(CallbackRegistry):
         uri: Which robot: ``mujoco``, ``mujoco://?plant=nominal&seed=3``, ``naoqi://pepper.local``, ...
         observer: Name of an observer, an observer, or None to detect nothing.
         models: Model file of the observer, by default the one shipped for this robot, or for a plant that it extends.
-            A robot over NAOqi is also told the response delay that was measured for it, unless the URI has one, and
+            A robot over NAOqi also gets the response delay that was measured for it, unless the URI has one, and
             speeds that were measured replace the controller's default limits. The friction of the joints sizes the
             oscillation of an attentive robot, unless ``controller`` has its own.
         log: Where to write the MCAP log; None for no log.
@@ -774,7 +774,7 @@ class Pepper(CallbackRegistry):
 
     @checked_arguments
     def publish(self, event: ProgramEvent) -> None:
-        """Have the log and the callbacks that want it learn of something that a program does with the robot."""
+        """Send something that a program does with the robot to the log and to the callbacks that subscribed to it."""
         self._active().publish(event)
 
     # -- inside ---------------------------------------------------------------------------------------------------

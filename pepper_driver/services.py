@@ -19,7 +19,7 @@ class ExtrasError(PepperError, ValueError):
 
 
 class UserServices:
-    """Abilities of a robot besides moving and measuring: ``pepper.services``.
+    """Abilities of a robot other than moving and measuring: ``pepper.services``.
 
     A backend without an ability does nothing and logs that once; ``info.capabilities`` lists the abilities.
     Each connects to the robot for its time where that is not yet connected. All may be called from any thread, but not

@@ -155,7 +155,7 @@ class Session:
         self._runner: threading.Thread | None = None
         self._ticking: threading.Thread | None = None
         self._home = threading.current_thread()
-        self._callers: set[threading.Thread] = set()  # that have the turn, or want it
+        self._callers: set[threading.Thread] = set()  # that have the turn, or wait for it
         self._ticks = 0
         self._ticked = 0  # when the last tick was over [ns of the pacer's clock]
         self._thread: threading.Thread | None = None

@@ -20,7 +20,7 @@ MIN_FORCE = 1.0
 
 
 class Stance(Protocol):
-    """Stance of a simulated robot: its :class:`pepper_driver.backends.simulated.Truth`, or what is told of it."""
+    """Stance of a simulated robot: its :class:`pepper_driver.backends.simulated.Truth`, or what is reported of it."""
 
     @property
     def position(self) -> FloatArray:
@@ -53,7 +53,7 @@ class SteadyHand:
         self.limited = False
 
     def move(self, position: ArrayLike) -> None:
-        """Set where the hand is to go, (3,) in the world [m]; to be told again within its timeout.
+        """Set where the hand is to go, (3,) in the world [m]; to be repeated within its timeout.
 
         Raises:
             CommandError: Not finite numbers.

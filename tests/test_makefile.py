@@ -1,4 +1,4 @@
-"""The Makefile's targets, as its first lines tell of them."""
+"""The Makefile's targets, as its first lines list them."""
 
 import re
 import subprocess
@@ -19,7 +19,7 @@ def commands(target: str, tmp_path: Path) -> str:
     return subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
 
 
-def test_the_first_lines_tell_of_every_target() -> None:
+def test_the_first_lines_list_every_target() -> None:
     (phony,) = re.findall(r"^\.PHONY: (.*)", TEXT, re.MULTILINE)
     assert sorted(TARGETS) == sorted(phony.split())
 

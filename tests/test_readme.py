@@ -45,7 +45,7 @@ def python_blocks(page: Path) -> list[str]:
     return re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
 
 
-def test_the_code_in_readme_feels_a_push(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_code_in_readme_detects_a_push(capsys: pytest.CaptureFixture[str]) -> None:
     (block,) = python_blocks(ROOT / "README.md")
     exec(compile(block, "README.md", "exec"), {})
     line = r"LBicep: LShoulderRoll pushed \+1, \d+ N \(\d+ to \d+, scale unknown\)\n"
@@ -70,7 +70,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _touched() -> Callable[[Measurement], Sequence[Label]]:
-    """A labeller: somebody touches the left hand for 0.2 s."""
+    """A labeller: a person touches the left hand for 0.2 s."""
     ticks = count()
 
     def label(measurement: Measurement) -> Sequence[Label]:
@@ -112,7 +112,7 @@ def _run(code: str, folder: Path) -> None:
     "path", sorted((ROOT / "examples" / "notebooks").glob("*.ipynb")), ids=lambda path: path.name
 )
 def test_the_cells_of_a_notebook_run(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One after the other; the page is served, and the pull and the push are felt."""
+    """One after the other; the page is served, and the pull and the push are detected."""
     pytest.importorskip("viser")
     names: dict[str, Any] = {}
     try:
@@ -123,7 +123,7 @@ def test_the_cells_of_a_notebook_run(path: Path, capsys: pytest.CaptureFixture[s
         names["pepper"].show().close()
         names["pepper"].stop()
     assert "contact on left_arm" in capsys.readouterr().out
-    assert names["felt"]
+    assert names["detected"]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

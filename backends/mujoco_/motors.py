@@ -200,7 +200,7 @@ def heat_motors(
         resistance: Of the windings as they are [ohm].
         rise: Over the air, settled [K/W].
         ambient: Temperature of the air [deg C].
-        fraction: Of the way to the settled temperature that is gone in a cycle.
+        fraction: Of the difference to the settled temperature that a cycle removes.
     """
     changed = False
     for j in range(len(temperature)):
@@ -345,19 +345,19 @@ def update_boards(
         board = boards[j]
         error = target[j] - np.rint(position[j] * board.counts_per_radian) * board.count
         change = error - board.smoothed
-        wanted = board.derivative * change
+        unclamped = board.derivative * change
         board.smoothed += board.derivative_gain * change
         # What the proportional and the integral part see; the derivative damps inside the band too.
         error -= min(max(error, -board.dead_band), board.dead_band)
-        wanted += board.proportional * error
-        wanted += board.integral
+        unclamped += board.proportional * error
+        unclamped += board.integral
         emf = board.back_emf * velocity[j]
-        allowed = min(max(wanted, emf - board.drop), emf + board.drop)
+        allowed = min(max(unclamped, emf - board.drop), emf + board.drop)
         allowed = max(min(allowed, board.supply), -board.supply)
-        saturated[j] = saturated[j] or allowed != wanted
+        saturated[j] = saturated[j] or allowed != unclamped
         gain = board.integral_step * error
         # Clamped at a bound, and frozen at small errors.
-        if abs(error) >= board.integral_band and not (wanted - allowed) * gain > 0.0:
+        if abs(error) >= board.integral_band and not (unclamped - allowed) * gain > 0.0:
             limit = board.integral_limit
             board.integral = max(min(board.integral + gain, limit), -limit)
         current[j] = (allowed - emf) / board.resistance

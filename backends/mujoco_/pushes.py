@@ -122,8 +122,8 @@ SETTLING = 0.1
 """[s] with which such a hand comes near its goal."""
 
 FIRM_LOAD, NO_LOAD = 0.4, 0.1
-"""Load of the wheel that carries least, over an even share: from the first down such a hand gets weaker, and at the
-second it gives no force any more. People let go of a robot that tips."""
+"""Load of the wheel that carries least, over the mean of all three: from the first down such a hand gets weaker, and at
+the second it gives no force any more. People let go of a robot that tips."""
 
 RECOVERY = 1.0
 """[s] in which a hand that a tipping robot made weak is strong again: at once, it would rock the robot ever further."""
@@ -131,7 +131,7 @@ RECOVERY = 1.0
 LIVE_RELEASE = 0.1
 """[s] in which the force of such a hand fades."""
 
-_LARGEST_DAMPING, _LARGEST_STIFFNESS = 0.4, 0.5
+_MAX_DAMPING, _MAX_STIFFNESS = 0.4, 0.5
 """Largest damping h D / m and stiffness h^2 K / m on a point of mass m. A step is stable while 2 h D + h^2 K < 4 m; the
 rest is kept for links that get lighter at that point as they move."""
 
@@ -198,18 +198,20 @@ class _Grip:
         """Return True once the hand has released the link."""
         return now - self.hand.start - self.hand.rise - self.hand.hold >= self.hand.release
 
-    def begin_cycle(self, now: float, end: float, least_load: float) -> None:
+    def begin_cycle(self, now: float, end: float, min_load: float) -> None:
         """Nothing: its motion was planned when it was asked for."""
 
     def motion(self, now: float) -> tuple[float, float, float]:
-        """Return the fraction of the pull that is gone at ``now`` [s], its rate [1/s], and that of the force left."""
+        """Return the fraction of the pull completed at ``now`` [s], its rate [1/s], and that of the force left."""
         hand, since = self.hand, now - self.hand.start
-        gone = since - hand.rise - hand.hold
-        share = 0.5 + 0.5 * math.cos(math.pi * gone / hand.release) if gone > 0.0 else 1.0
+        fading = since - hand.rise - hand.hold
+        fraction_left = (
+            0.5 + 0.5 * math.cos(math.pi * fading / hand.release) if fading > 0.0 else 1.0
+        )
         if since < hand.rise:
             t = since / hand.rise
-            return minimum_jerk(t), minimum_jerk_slope(t) / hand.rise, share
-        return 1.0, 0.0, share
+            return minimum_jerk(t), minimum_jerk_slope(t) / hand.rise, fraction_left
+        return 1.0, 0.0, fraction_left
 
 
 class _LiveGrip(_Grip):
@@ -253,9 +255,9 @@ class _LiveGrip(_Grip):
         """Return True once the hand has released the link."""
         return now >= self.end
 
-    def begin_cycle(self, now: float, end: float, least_load: float) -> None:
+    def begin_cycle(self, now: float, end: float, min_load: float) -> None:
         """Go on towards the goal as a hand can, from ``now`` to ``end`` [s], weaker where a wheel is about to lift."""
-        care = min(max((least_load - NO_LOAD) / (FIRM_LOAD - NO_LOAD), 0.0), 1.0)
+        care = min(max((min_load - NO_LOAD) / (FIRM_LOAD - NO_LOAD), 0.0), 1.0)
         self._care = min(care, self._care + (end - now) / RECOVERY)
         if self.released is None and now - self.moved > self._timeout:
             self.released = now
@@ -265,19 +267,19 @@ class _LiveGrip(_Grip):
         self.anchor = self.anchor + self.pull
         way = (self.anchor if self.goal is None else self.goal) - self.anchor
         # Slower near the goal, so that it does not stop with a jerk.
-        wanted = _bounded(way / SETTLING, HAND_SPEED)
+        goal_velocity = _bounded(way / SETTLING, HAND_SPEED)
         self.velocity = self.velocity + _bounded(
-            wanted - self.velocity, HAND_ACCELERATION * self._length
+            goal_velocity - self.velocity, HAND_ACCELERATION * self._length
         )
         self.pull = self.velocity * self._length
 
     def motion(self, now: float) -> tuple[float, float, float]:
-        """Return the fraction of this cycle's way that is gone, its rate [1/s], and the fraction of the force left."""
-        share = 1.0
+        """Return the completed fraction of this cycle's path, its rate [1/s], and the fraction of the force left."""
+        fraction_left = 1.0
         if self.released is not None:
-            gone = min(max(now - self.released, 0.0) / self.hand.release, 1.0)
-            share = 0.5 + 0.5 * math.cos(math.pi * gone)
-        return (now - self._begin) / self._length, 1.0 / self._length, share
+            faded = min(max(now - self.released, 0.0) / self.hand.release, 1.0)
+            fraction_left = 0.5 + 0.5 * math.cos(math.pi * faded)
+        return (now - self._begin) / self._length, 1.0 / self._length, fraction_left
 
 
 def _bounded(vector: FloatArray, size: float) -> FloatArray:
@@ -378,7 +380,7 @@ def pull_hand(
     stiffness: float,
     damping: float,
     max_force: float,
-    share: float,
+    fraction_left: float,
     force: Out[FloatArray],
 ) -> float:
     """Write the force of a hand, a spring and damper between its place and the point it holds; return its size [N].
@@ -388,12 +390,12 @@ def pull_hand(
         velocity: (3,) of the point [m/s].
         anchor: (3,) where the hand has closed [m].
         pull: (3,) way that the hand goes [m].
-        way: Fraction of it that is gone.
+        way: Completed fraction of it.
         rate: Its derivative [1/s].
         stiffness: [N/m]
         damping: [N s/m]
         max_force: [N]
-        share: Fraction of the force that is left while the hand lets go.
+        fraction_left: Fraction of the force that is left while the hand lets go.
         force: (3,) on the robot, in the world [N].
     """
     square = 0.0
@@ -404,10 +406,10 @@ def pull_hand(
         square += force[i] * force[i]
     size = math.sqrt(square)
     if size > max_force:
-        share *= max_force / size
+        fraction_left *= max_force / size
     for i in range(3):
-        force[i] *= share
-    return share * size
+        force[i] *= fraction_left
+    return fraction_left * size
 
 
 class GrabForces(Resumable):
@@ -508,7 +510,7 @@ class GrabForces(Resumable):
         self._pending = [grip for grip in self._pending if grip.end > now]
         self._due = [grip for grip in self._pending if grip.hand.start < end]
         for grip in self._due:
-            grip.begin_cycle(now, end, self._wheels.least_load)
+            grip.begin_cycle(now, end, self._wheels.min_load)
         return bool(self._due)
 
     def apply(self, accumulator: ContactAccumulator, joint_torque: FloatArray) -> None:
@@ -528,7 +530,7 @@ class GrabForces(Resumable):
             damping = grip.damping
             if since < CLOSING:
                 damping *= since / CLOSING
-            way, rate, share = grip.motion(now)
+            way, rate, fraction_left = grip.motion(now)
             size = self._pull(
                 where,
                 velocity,
@@ -539,7 +541,7 @@ class GrabForces(Resumable):
                 grip.stiffness,
                 damping,
                 grip.max_force,
-                share,
+                fraction_left,
                 force,
             )
             if isinstance(grip, _LiveGrip):
@@ -550,9 +552,9 @@ class GrabForces(Resumable):
         """Set spring and damper of a hand that closes at ``where`` (3,) in the world; return its pull there."""
         hand, step = grip.hand, float(self._mj.opt.timestep)
         mass = self._lightest(hand.body, where)
-        grip.stiffness = min(hand.stiffness, _LARGEST_STIFFNESS * mass / step**2)
+        grip.stiffness = min(hand.stiffness, _MAX_STIFFNESS * mass / step**2)
         critical = 2.0 * math.sqrt(hand.stiffness * HAND_MASS)
-        grip.damping = min(critical, _LARGEST_DAMPING * mass / step)
+        grip.damping = min(critical, _MAX_DAMPING * mass / step)
         if hand.frame == "link":
             pull: FloatArray = self._data.xmat[hand.body].reshape(3, 3) @ hand.pull
             return pull
@@ -566,7 +568,7 @@ class GrabForces(Resumable):
         mujoco.mj_makeM(mj, data)
         mujoco.mj_factorM(mj, data)
         mass = self._lightest(hand.body, self._place(hand))
-        return _LARGEST_STIFFNESS * mass / float(mj.opt.timestep) ** 2
+        return _MAX_STIFFNESS * mass / float(mj.opt.timestep) ** 2
 
     def _place(self, hand: ScheduledGrab) -> FloatArray:
         """(3,) where a hand holds, in the world [m], by the kinematics that MuJoCo holds."""

@@ -137,7 +137,7 @@ class TouchSensors(Resumable):
                     (number, model.bodies[sensor.parent], sensor.xyz, sensor.radius**2)
                 )
         self._force = [0.0] * len(flat)
-        self._felt, self._quiet = False, True
+        self._pressed, self._quiet = False, True
         self._answer = np.zeros(len(flat))
 
     @property
@@ -158,7 +158,7 @@ class TouchSensors(Resumable):
     def reset(self) -> None:
         """Nothing touches."""
         self._force = [0.0] * len(self._force)
-        self._felt, self._quiet = False, True
+        self._pressed, self._quiet = False, True
         self._answer = np.zeros(len(self._force))
 
     def near(self, body: int, x: float, y: float, z: float) -> tuple[int, ...]:
@@ -180,15 +180,15 @@ class TouchSensors(Resumable):
     def press(self, sensor: int, force: float) -> None:
         """Add to the sum of forces [N] on a sensor over the steps of this cycle."""
         self._force[sensor] += force
-        self._felt = True
+        self._pressed = True
 
     def end(self, steps: int) -> None:
         """End the cycle of ``steps``: make the readings."""
-        if self._felt:
+        if self._pressed:
             mean = np.array(self._force) / steps
             self._answer = (mean > self._threshold).astype(np.float64)
             self._force = [0.0] * len(self._force)
-            self._felt = False
+            self._pressed = False
             self._quiet = False
         elif not self._quiet:
             self._answer = np.zeros(len(self._force))

@@ -191,7 +191,7 @@ class Simulation(Resumable):
         """
         boards, supply, targets = self.boards, self.supply, self.targets
         targets.plan(position, stiffness)
-        now, share = targets.now, targets.share
+        now, increment = targets.now, targets.increment
         if supply.warmth is not self._warmth:
             self._warm(supply.warmth)
         boards.begin_cycle(targets.held, supply.voltage)
@@ -200,7 +200,7 @@ class Simulation(Resumable):
         link_angle, motor_speed, output = self._link_angle, self._motor_speed, self._voltage
         set_friction, step = self._friction.update, self.contacts.step
         for _ in range(self._steps):
-            np.add(now, share, now)
+            np.add(now, increment, now)
             voltage = boards.update(now, link_angle.read(), motor_speed.read())
             output.write(voltage)
             set_friction()
@@ -305,7 +305,7 @@ class Readings(Resumable):
 
     def _measurement(self, position: FloatArray, current: FloatArray, imu: Imu) -> Measurement:
         self.position = position
-        supply, feeling = self._simulation.supply, self._simulation.contacts.touch
+        supply, sensors = self._simulation.supply, self._simulation.contacts.touch
         return Measurement(
             time=self._tick * self._robot.cycle,
             tick=self._tick,
@@ -313,9 +313,9 @@ class Readings(Resumable):
             current=current,
             wheel_speed=self._simulation.wheels.speed,
             imu=imu,
-            touch=feeling.touch,
-            bumpers=feeling.bumpers,
-            buttons=feeling.buttons,
+            touch=sensors.touch,
+            bumpers=sensors.bumpers,
+            buttons=sensors.buttons,
             temperature=np.rint(supply.temperature),
             battery=supply.charge,
             age=self._encoders.age * self._robot.cycle,

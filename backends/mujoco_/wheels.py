@@ -182,7 +182,7 @@ class WheelDynamics(Resumable):
         return load
 
     @property
-    def least_load(self) -> float:
+    def min_load(self) -> float:
         """Load of the wheel that carries least, over what it carries where all carry the same; 1 on a fixed base."""
         return float(self.wheels["load"].min()) / self._even_load if self.rolling else 1.0
 

@@ -24,8 +24,8 @@ ONE_BOARD = 2
 class Values:
     """One sample as the robot sent it; arrays as in :class:`~pepper_driver.backends.interface.Measurement`.
 
-    ``shown`` is what the DCM's clock showed at its cycle [ms]. ``commanded`` (20,) is what it then told joints [rad]
-    and wheels [rad/s], NaN where it does not say; None where that was not asked for.
+    ``shown`` is what the DCM's clock showed at its cycle [ms]. ``commanded`` (20,) is what it then sent to joints
+    [rad] and wheels [rad/s], NaN where it does not say; None where that was not asked for.
     """
 
     shown: int

@@ -216,10 +216,10 @@ class CommandScheduler:
         return self._commands_by_cycle.get(number, (0, False))[1]
 
 
-LEAST_CALLS = 20
+MIN_CALLS = 20
 """Of a burst: fewer say nothing about the slowest in a hundred."""
 
-LONGEST_BURST = 3.0
+MAX_BURST = 3.0
 """[s] for them, on the slowest of links."""
 
 ATTEMPTS = 3
@@ -276,7 +276,7 @@ def burst(ask: Callable[[], int], seconds: float, clock: Callable[[], int]) -> l
         answer = ask()
         replies.append(TimeReply(asked=asked, received=clock(), shown=answer))
         spent = (replies[-1].received - begin) * 1e-9
-        if spent >= LONGEST_BURST or (spent >= seconds and len(replies) >= LEAST_CALLS):
+        if spent >= MAX_BURST or (spent >= seconds and len(replies) >= MIN_CALLS):
             return replies
 
 
@@ -342,7 +342,7 @@ class JitterBuffer:
         self.sample = first
         self._of = self._newest = 0
         self._waiting: deque[tuple[int, Values]] = deque()
-        self._least_late = self._least_early = 0
+        self._min_late = self._min_early = 0
         self._late_ticks = self._early_ticks = 0
 
     def add(self, cycle: int, sample: Values) -> None:
@@ -368,14 +368,14 @@ class JitterBuffer:
 
     def _realign(self) -> None:
         late = self.cycle - self._newest
-        self._late_ticks, self._least_late = _lasting(late, self._late_ticks, self._least_late)
-        self._early_ticks, self._least_early = _lasting(-late, self._early_ticks, self._least_early)
+        self._late_ticks, self._min_late = _lasting(late, self._late_ticks, self._min_late)
+        self._early_ticks, self._min_early = _lasting(-late, self._early_ticks, self._min_early)
         if self._late_ticks == LATER:
             # By the least: the quickest samples of that time are then those of their ticks.
-            self.cycle -= self._least_late
+            self.cycle -= self._min_late
             self._late_ticks = 0
         elif self._early_ticks == SOONER:
-            self.cycle += self._least_early
+            self.cycle += self._min_early
             self._early_ticks = 0
 
 

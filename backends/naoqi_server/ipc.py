@@ -70,7 +70,7 @@ class Line:
         end: Of the pair.
         other: Who is at the other end, for messages.
         handle_request: Answers requests of the other: ``handle_request(what, **arguments)``; its PepperError goes back.
-        gone: Called once the other end is closed.
+        on_end: Called once the other end is closed.
     """
 
     def __init__(
@@ -243,7 +243,7 @@ class Robot(Protocol):
         """Return the truth of the last cycles; all that are kept, or so many."""
 
 
-_MOST_COMMANDS = MAX_PACKET_SIZE // 64
+_MAX_COMMANDS = MAX_PACKET_SIZE // 64
 """In one packet; a longer order is given in parts."""
 
 
@@ -303,7 +303,7 @@ class RobotClient:
         parts: list[tuple[list[str], list[Sequence[TimedCommand]]]] = [([], [])]
         size = 0
         for actuator, its in zip(actuators, commands, strict=True):
-            if size + len(its) > _MOST_COMMANDS and parts[-1][0]:
+            if size + len(its) > _MAX_COMMANDS and parts[-1][0]:
                 parts.append(([], []))
                 size = 0
             parts[-1][0].append(actuator)

@@ -137,7 +137,7 @@ class FaultRouter:
         robot: Has its own.
         owner: Connection to the parent process, which handles faults of the connection and of this whole process.
         offer: ``offer(service, there)`` registers a service or unregisters it.
-        gone: Called when the parent process has ended.
+        on_end: Called when the parent process has ended.
 
     Attributes:
         services: What calls of services pass.

@@ -17,7 +17,7 @@ HEADER = struct.Struct("<IIIHBBIII")
 MAGIC = 0x42ADDE42
 CALL, ERROR = 1, 3
 SERVER, AUTHENTICATE = 0, 8  # service and action of the first message
-LARGEST = 65536  # [B] of the first message; a real one has about 300
+MAX_MESSAGE = 65536  # [B] of the first message; a real one has about 300
 LOGIN_TIMEOUT = 10.0  # [s] for a client to say who it is
 
 # Scalars of qi's signatures, and their form on the wire.
@@ -41,7 +41,7 @@ class Login:
             async with asyncio.timeout(LOGIN_TIMEOUT):
                 header = await reader.readexactly(HEADER.size)
                 magic, number, size, version, kind, _, service, obj, action = HEADER.unpack(header)
-                if magic != MAGIC or size > LARGEST:
+                if magic != MAGIC or size > MAX_MESSAGE:
                     return None
                 body = await reader.readexactly(size)
         except (TimeoutError, EOFError, OSError):

@@ -1,4 +1,4 @@
-"""Time of each stage of a tick, speed of the simulation, and what loop and plant cost beside bare physics."""
+"""Time of each stage of a tick, speed of the simulation, and the cost of loop and plant compared with bare physics."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Speed:
 
 @dataclass(frozen=True, kw_only=True)
 class LoopBench:
-    """Figures of the loop.
+    """Results of the loop.
 
     Attributes:
         ticks: Timing of the ticks on the first plant, in the quickest run on all cores: the log's thread may have one

@@ -238,7 +238,7 @@ class Mink(Peer):
 
 
 def gain(stiffness: float, robot: RobotConfig) -> float:
-    """Return the share of the error made up in a tick, as a critically damped spring of that stiffness tends to do."""
+    """Return the fraction of the error made up in a tick, as by a critically damped spring of that stiffness."""
     return float(np.sqrt(stiffness)) * robot.cycle
 
 

@@ -1,7 +1,7 @@
 """Commands as they were recorded on a real robot, and what a simulated one shows under them.
 
 The right arm goes to random goals far faster than it can follow, and holds each for two seconds. What its encoders and
-currents do then told the plants apart from the recordings; see ``recordings.yaml``, key ``chases``.
+currents do then separated the plants from the recordings; see ``recordings.yaml``, key ``chases``.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from pepper_driver.calibration.testbench import (
 )
 from pepper_driver.config import (
     CalibrationSettings,
-    ChaseFigures,
     ChaseProtocol,
+    ChaseResults,
     Chases,
     PlantConfig,
     RobotConfig,
@@ -47,7 +47,7 @@ CHASE_STREAM = 2
 CURRENT_ONSET, ENCODER_ONSET = 0.1, np.radians(0.25)
 """[A] and [rad] by which current and encoder have moved at their onset; the yardsticks of the recordings."""
 
-LEAST_TRAVEL = np.radians(5.0)
+MIN_TRAVEL = np.radians(5.0)
 """[rad] of a move whose onset counts, and whose hold has a side of approach."""
 
 CHASING = 0.3
@@ -62,8 +62,8 @@ SETTLED_TIME, LAST_TIME = 0.5, 0.048
 CREEP = 0.1
 """[A] by which the current of a still joint has changed."""
 
-UNEXPLAINED, WORKING_SHARE = np.radians(0.6), 0.25
-"""[rad] of error that no current works against: below this share of what K times the error asks for."""
+UNEXPLAINED, WORKING_FRACTION = np.radians(0.6), 0.25
+"""[rad] of error that no current works against: below this fraction of what K times the error asks for."""
 
 
 JUDGED = {
@@ -73,7 +73,7 @@ JUDGED = {
     "latency": ("current_onset_ms", "encoder_onset_ms"),
     "R2 by side": ("r2_side",),
 }
-"""Figures by which a plant is judged; all of a cell must match."""
+"""Results by which a plant is judged; all of a cell must match."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +125,7 @@ class ChaseReport:
         settings: Limits of a match.
     """
 
-    figures: dict[str, ChaseFigures]
+    figures: dict[str, ChaseResults]
     false_contacts: FalseContacts
     identified_on: str
     real: Chases
@@ -252,7 +252,7 @@ def chase_figures(
     runs: Sequence[GoalRun],
     loads: Sequence[FloatArray],
     stiffness: float,
-) -> ChaseFigures:
+) -> ChaseResults:
     """Return what one joint shows in runs of the commands as recorded.
 
     Args:
@@ -260,7 +260,7 @@ def chase_figures(
         joint: Whose.
         runs: All.
         loads: Of gravity at their goals, from :func:`gravity_at_goals`.
-        stiffness: By which errors without current are told [N m/rad].
+        stiffness: By which errors without current are counted [N m/rad].
     """
     index, constant = robot.joint_index(joint), robot.motors.joint_torque_constant(joint)
     step = robot.sensors.encoder.step
@@ -277,7 +277,7 @@ def chase_figures(
     size = np.abs(hold.error)
     came = hold.side != 0.0
     towards = hold.error[came] * hold.side[came]
-    unexplained = (size > UNEXPLAINED) & (np.abs(hold.torque) < WORKING_SHARE * stiffness * size)
+    unexplained = (size > UNEXPLAINED) & (np.abs(hold.torque) < WORKING_FRACTION * stiffness * size)
     current_onset, encoder_onset = _onsets(robot, runs, index)
     creeps = np.concatenate([_creeps(robot, run, index) for run in runs])
     encoder_noise, current_noise = _noise(robot, runs, index)
@@ -287,7 +287,7 @@ def chase_figures(
     median, p90 = np.degrees(np.percentile(size, [50, 90]))
     far = np.abs(speeds[np.abs(errors) > CHASING])
     chase_speed = np.percentile(far, [50, 90]).tolist() if len(far) else (None, None)
-    return ChaseFigures(
+    return ChaseResults(
         median_deg=float(median),
         p90_deg=float(p90),
         max_deg=float(np.degrees(size.max())),
@@ -320,7 +320,7 @@ def slope(x: FloatArray, y: FloatArray) -> float:
 
 
 def explained(x: FloatArray, y: FloatArray) -> float:
-    """Return R2 of a straight line: the share of the variance of (n,) ``y`` that ``x`` explains."""
+    """Return R2 of a straight line: the fraction of the variance of (n,) ``y`` that ``x`` explains."""
     if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
         return 0.0
     return float(np.corrcoef(x, y)[0, 1] ** 2)
@@ -337,9 +337,9 @@ def _ends(robot: RobotConfig, run: GoalRun, load: FloatArray, index: int, consta
     return _Hold(
         error=error,
         current=current,
-        side=np.where(np.abs(travel) > LEAST_TRAVEL, np.sign(travel), 0.0),
+        side=np.where(np.abs(travel) > MIN_TRAVEL, np.sign(travel), 0.0),
         load=load,
-        # Sensors tell no sign; a motor works against its error.
+        # Sensors measure no sign; a motor works against its error.
         torque=np.sign(error) * current * constant,
     )
 
@@ -354,7 +354,7 @@ def _onsets(
         for begin, end in zip(run.begins[1:], run.ends[1:], strict=True):
             command = run.command[begin - 1 : end, index]
             moved = np.abs(command - command[0])
-            if moved[-1] < LEAST_TRAVEL:
+            if moved[-1] < MIN_TRAVEL:
                 continue
             start = int(np.argmax(moved > step))
             for signal, least, onsets in (
@@ -362,9 +362,9 @@ def _onsets(
                 (run.position, ENCODER_ONSET, found[1]),
             ):
                 values = signal[begin - 1 : end, index]
-                gone = np.abs(values - values[0])[start:] > least
-                if gone.any():
-                    onsets.append(int(np.argmax(gone)))
+                moved_away = np.abs(values - values[0])[start:] > least
+                if moved_away.any():
+                    onsets.append(int(np.argmax(moved_away)))
     current, encoder = (1e3 * robot.cycle * float(np.median(o)) if o else None for o in found)
     return current, encoder
 
@@ -463,7 +463,7 @@ def false_contacts(
     workers: Workers = -1,
     progress: Progress | None = None,
 ) -> FalseContacts:
-    """Count the contacts that an observer raises in runs that nobody touches, each run from its first tick on.
+    """Count the contacts that an observer raises in runs without touch, each run from its first tick on.
 
     Args:
         robot: The robot.
@@ -483,14 +483,14 @@ def false_contacts(
         count=len(named),
         minutes=sum(ticks) * robot.cycle / 60.0,
         by_joint=dict(Counter(named)),
-        blind=float(np.average([share for _, share in watched], weights=ticks)),
+        blind=float(np.average([blind for _, blind in watched], weights=ticks)),
     )
 
 
 def _watch(
     robot: RobotConfig, run: GoalRun, models: ModelSet, delay: int
 ) -> tuple[list[str], float]:
-    """Return the joints, or else the links, of contacts that begin in a run, without rebounds; and the blind share."""
+    """Return the joints, or else the links, of contacts that begin in a run, not rebounds; and the blind fraction."""
     observer = ContactObserver(robot, models, load_observer_settings())
     recording = as_recording(robot, run, RobotModel(robot), delay)
     seen = [observer.step(tick) for tick in recording.ticks()]

@@ -252,8 +252,8 @@ class Target:
     table_joint: str | None
     table: TrackingTable | None
     holds: HoldStatistics
-    largest_residual: float
-    largest_factor: float
+    max_residual: float
+    max_factor: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -276,8 +276,8 @@ def targets(calibration: Calibration) -> tuple[Target, ...]:
                 table_joint=name,
                 table=tables[name] if name else None,
                 holds=holds,
-                largest_residual=float(limit),
-                largest_factor=calibration.settings.largest_factor,
+                max_residual=float(limit),
+                max_factor=calibration.settings.largest_factor,
             )
         )
     return tuple(found)
@@ -324,10 +324,10 @@ def scores(
     """
     real = np.radians([[target.holds.median_deg], [target.holds.p90_deg]])
     factors = np.log(np.maximum(quantiles, 1e-9) / real)
-    room = ((log(target.largest_factor) - np.abs(factors)) / HOLD_SCATTER).min(axis=0)
+    room = ((log(target.max_factor) - np.abs(factors)) / HOLD_SCATTER).min(axis=0)
     squares = np.square(factors / HOLD_SCATTER).sum(axis=0)
     if target.table is not None:
-        relative = shown / target.largest_residual
+        relative = shown / target.max_residual
         room = np.minimum(room, (1.0 - relative) / RESIDUAL_SCATTER)
         squares = squares + np.square(relative)
     if min(target.holds.current) > 0.0:

@@ -166,7 +166,7 @@ def start_values(
         for target, table in tabled:
             pull = drag(robot, plant, target.joint)
             errors = ramp_error(closed_form_fit(table, pull, late), pull, late, table)
-            total += (residual(errors, table) / target.largest_residual) ** 2
+            total += (residual(errors, table) / target.max_residual) ** 2
         return total
 
     delay = min(DELAYS, key=misfit) if tabled else plant.response_delay

@@ -42,7 +42,7 @@ LEAD_STEPS = 2.0
 """Power of these factors for the lead: it is known least."""
 
 CURRENT_WEIGHT = 0.5
-"""Weight of the misfit of currents beside that of errors, each as a fraction of what is to be explained."""
+"""Weight of the misfit of currents compared with that of errors, each as a fraction of what is to be explained."""
 
 MIN_ROWS = 200
 """Samples of a joint without which it keeps its values, or is not judged on held-out runs."""
@@ -63,7 +63,7 @@ class RobotCalibrationError(PepperError, ValueError):
 
 @dataclass(frozen=True, kw_only=True)
 class Tracking:
-    """Tracking errors of one joint of a simulated robot beside those of the robot under the same commands.
+    """Tracking errors of one joint of a simulated robot and of the robot under the same commands.
 
     Attributes:
         median_deg, p90_deg: Quantiles of the simulated abs(error) [deg].
@@ -181,7 +181,7 @@ def calibrate_to(
     if missing := [name for name in MEASUREMENTS if name not in measurement]:
         raise RobotCalibrationError(
             f"{folder}: this robot was not measured ({', '.join(missing)}); 'pepper identify' does so unless it is "
-            "told --no-measure"
+            "recorded with --no-measure"
         )
     facts = measure_robot(measurement, manifest.response_delay, robot, manifest.weight)
     runs = load_runs(folder, manifest, facts.response_delay, robot)

@@ -1,4 +1,4 @@
-"""Replay of recorded commands on a simulated robot, row by row beside what a robot did."""
+"""Replay of recorded commands on a simulated robot, row by row next to the measurements of a robot."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def load_runs(
     Args:
         folder: Of the recordings.
         manifest: Of the folder.
-        measured_delay: Of the robot [ticks]: other runs than measurements are paired by it, where the robot is told it.
+        measured_delay: Of the robot [ticks]: other runs than measurements are paired by it, if the robot has it.
         robot: Its description.
 
     Raises:

@@ -45,7 +45,7 @@ class CallbackStatistics:
         failures: Number of calls that raised.
         dropped: Events that the callback did not get: too many waited for it, or it was closed before it came to them.
         total_time: Time of all calls, and of logging what they raised [s].
-        longest_time: Time of the longest [s].
+        max_time: Time of the longest [s].
     """
 
     name: str
@@ -53,7 +53,7 @@ class CallbackStatistics:
     failures: int = 0
     dropped: int = 0
     total_time: float = 0.0
-    longest_time: float = 0.0
+    max_time: float = 0.0
 
 
 class EventSink:
@@ -129,7 +129,7 @@ class _CallbackThread(_Worker, EventSink):
         elapsed = time.perf_counter() - start
         statistics.calls += 1
         statistics.total_time += elapsed
-        statistics.longest_time = max(statistics.longest_time, elapsed)
+        statistics.max_time = max(statistics.max_time, elapsed)
 
 
 class Dispatcher:

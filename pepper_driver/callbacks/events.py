@@ -1,4 +1,4 @@
-"""Events besides contacts, the edges of sensors, and the contacts that last. All of it happened inside one tick."""
+"""Events other than contacts, the edges of sensors, and the contacts that last. All of it happened inside one tick."""
 
 from __future__ import annotations
 

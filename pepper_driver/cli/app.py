@@ -121,7 +121,7 @@ COMMANDS = {
     ),
     "bench": CommandEntry(
         place="bench:bench",
-        summary="Time ticks, the simulation beside bare physics, start-up and throughput.",
+        summary="Time ticks, the simulation compared with bare physics, start-up and throughput.",
         example="pepper bench --tick --seconds 10",
         docs="bench.md",
     ),
@@ -139,7 +139,7 @@ COMMANDS = {
     ),
     "render": CommandEntry(
         place="render:render",
-        summary="Make a film or a picture of a log: the robot, and beside it what its joints felt.",
+        summary="Make a film or a picture of a log: the robot, and next to it the contacts of its joints.",
         example="pepper render run.mcap --out run.mp4 --from 4 --to 10 --view left",
         docs="render.md",
     ),
@@ -308,7 +308,7 @@ def _describe(error: typer.TyperException) -> str:
     problem = error.__cause__.errors()[0]
     choices = parameter.type_descriptor.choices
     meant = "".join(f" ({text})" for text in _nearest(str(problem["input"]), choices or ()))
-    return f"{hint}: {_wanted(problem, choices)}, got {problem['input']!r}{meant}"
+    return f"{hint}: {_required(problem, choices)}, got {problem['input']!r}{meant}"
 
 
 def _unknown(kind: str, name: str, choices: Iterable[str]) -> str:
@@ -326,7 +326,7 @@ def _options_of(context: Any) -> list[str]:  # noqa: ANN401 typer's own click
     ]
 
 
-def _wanted(problem: ErrorDetails, choices: Sequence[str] | None) -> str:
+def _required(problem: ErrorDetails, choices: Sequence[str] | None) -> str:
     """Return what an option must be."""
     from pepper_driver.config.mistakes import requirement
 

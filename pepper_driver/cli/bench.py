@@ -56,7 +56,7 @@ def bench(
     part: Annotated[
         Part | None,
         typer.Option(
-            help="Only this: stages and cost of the loop, beside bare physics; start-up and memory; robot-hours "
+            help="Only this: stages and cost of the loop, compared with bare physics; start-up and memory; robot-hours "
             "identified and evaluated in a core-hour; by default all three.",
         ),
     ] = None,
@@ -82,7 +82,7 @@ def bench(
         bool,
         typer.Option(
             "--peers",
-            help="Instead, time the controller beside pink and mink, with the same five tasks.",
+            help="Instead, time the controller and pink and mink, with the same five tasks.",
         ),
     ] = False,
     soak: Annotated[
@@ -97,7 +97,7 @@ def bench(
     ] = None,
     json_file: JsonOption = None,
 ) -> int:
-    """Time ticks, the simulation beside bare physics, start-up and throughput."""
+    """Time ticks, the simulation compared with bare physics, start-up and throughput."""
     console = make_console()
     check_outputs(json_file)
     kinds = {

@@ -74,7 +74,7 @@ CHASE_LABELS = {
     "chase_speed_p90": "far p90 rad/s",
     "max_speed": "fastest rad/s",
 }
-"""Rows of the commands as recorded; see :class:`~.config.recordings.ChaseFigures`."""
+"""Rows of the commands as recorded; see :class:`~.config.recordings.ChaseResults`."""
 
 START = {"pd": "nominal", "integral": "integral"}
 """Plant that a fit of each law starts from."""

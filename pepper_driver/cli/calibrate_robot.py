@@ -93,7 +93,7 @@ def _print(console: Console, found: RobotCalibration, start: PlantConfig) -> Non
     console.print(
         f"delay from command to sample: {found.delay_before} ticks in '{start.name}', {delay} as measured; late "
         f"{100.0 * facts.late:.1f} %, lost {100.0 * facts.lost:.1f} % of samples; targets run at most "
-        + ("as fast as they are told" if speed is None else f"{speed:.2f} rad/s")
+        + ("as fast as their commands" if speed is None else f"{speed:.2f} rad/s")
     )
     if facts.weight is None:
         console.print(

@@ -63,7 +63,7 @@ def doctor(
     if report is not None and report.suffix != ".zip":
         raise ConfigError(f"{report}: a report is an archive and ends in .zip")
     check_outputs(json_file, report)
-    make_backend(uri)  # a wrong one is refused before anybody is asked
+    make_backend(uri)  # a wrong one is refused before a person is asked
     asks = not (yes or no_motion)
     if asks and not sys.stdin.isatty():
         raise ConfigError(

@@ -78,7 +78,7 @@ def render(
         ),
     ] = None,
 ) -> None:
-    """Make a film or a picture of a log: the robot, and beside it what its joints felt."""
+    """Make a film or a picture of a log: the robot, and next to it the contacts of its joints."""
     console = make_console()
     pixels = as_size(size)
     if out is None:

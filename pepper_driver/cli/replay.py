@@ -55,10 +55,10 @@ def replay_command(
     """Run observer and reflexes on a recording; code 1 if they do not decide the same, bit for bit."""
     console = make_console()
     run = load_run(log)
-    feeling = run.observer(observer, models, settings)
+    observing = run.observer(observer, models, settings)
     acting = _reflexes(run, reflexes)
     check_outputs(json_file)
-    found = replay(run, feeling, acting, out=out)
+    found = replay(run, observing, acting, out=out)
     result = compare(run, found)
     _print(console, run, found, result)
     if out is not None:

@@ -133,7 +133,7 @@ def show_log(
     Args:
         console: Where the address is printed.
         path: The log.
-        pairs: Contacts of the log beside those of a replay; None before one.
+        pairs: Contacts of the log next to those of a replay; None before one.
         host: Where the page is served.
         port: Of the page; None for the first free one.
         token: Part of the address; None for a new one.

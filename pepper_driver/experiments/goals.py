@@ -63,7 +63,7 @@ class Goal:
         self._spec = spec
         self.task, self._twin = _make_task(spec, robot), _make_task(spec, robot)
         self._metres, self._radians = _units(spec)
-        self._wanted: FloatArray = np.zeros(0)  # known once it begins
+        self._goal: FloatArray = np.zeros(0)  # known once it begins
         self.joints: BoolArray = np.zeros(len(robot.joint_names), dtype=np.bool_)
         if isinstance(spec, TaskSpec):
             moving = expand(spec, robot) or robot.joint_names
@@ -75,16 +75,16 @@ class Goal:
         Raises:
             TargetError: The task refuses its target, and stays out.
         """
-        self._wanted = _target(self._spec, arbiter.controller)
+        self._goal = _target(self._spec, arbiter.controller)
         if duration is None:
-            self.task.target = self._wanted
+            self.task.target = self._goal
         else:
-            self.task.move_to(self._wanted, duration)
+            self.task.move_to(self._goal, duration)
         arbiter.add(self.task)
 
     def go_on(self, duration: float) -> None:
         """Restart from the present state to the same target, in a new time [s]."""
-        self.task.move_to(self._wanted, duration)
+        self.task.move_to(self._goal, duration)
 
     def miss(self) -> GoalDeviation:
         """Return the distance of the controller's own state from the target."""
@@ -94,7 +94,7 @@ class Goal:
         """Return the distance of a robot from it in a model at its measured state, with its kinematics."""
         task, rows = self._twin, TaskRows.empty(self._twin.rows, model.nv)
         task.attach(model, rows)
-        task.target = self._wanted
+        task.target = self._goal
         task.compute(model, rows)
         return self._miss(task.error)
 

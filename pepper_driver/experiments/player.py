@@ -182,7 +182,7 @@ class Player:
 
     def advance(self) -> bool:
         """Advance after a tick; return True at the end."""
-        self._hear()
+        self._take_in()
         self._schedule.watch(self._loop.time)
         if self._arbiter.holds:
             self._waiting = True
@@ -267,7 +267,7 @@ class Player:
 
     # -- touch --------------------------------------------------------------------------------------------------------
 
-    def _hear(self) -> None:
+    def _take_in(self) -> None:
         """Take in the contacts and reflexes of a tick."""
         record, time = self._loop.latest, self._loop.time
         self._reflexes += [
@@ -477,6 +477,6 @@ class Player:
     # -- rest ---------------------------------------------------------------------------------------------------------
 
     def _stay(self, joints: BoolArray) -> None:
-        """Want those joints, a mask (17,), where they come to rest without turning round."""
+        """Request those joints, a mask (17,), where they come to rest without turning round."""
         rest = self._controller.stopping_position(self._arbiter.posture_stiffness, dither=False)
         self._arbiter.move_to(np.where(joints, rest, self._arbiter.target))

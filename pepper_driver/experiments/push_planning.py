@@ -11,11 +11,11 @@ import numpy as np
 from pepper_driver.backends import SimulatedPlant
 from pepper_driver.config import PepperError, RobotConfig
 from pepper_driver.config.arrays import FloatArray
-from pepper_driver.config.contact_specs import STRONGEST_HAND
+from pepper_driver.config.contact_specs import MAX_HAND_FORCE
 from pepper_driver.controller import RobotModel
 from pepper_driver.controller.support_polygon import SupportPolygon
 
-SHORTEST_LEVER = 1e-3
+MIN_LEVER = 1e-3
 """[m] A force with less to turn a joint by does nothing to it."""
 
 DOWNWARD_RATIOS = (0.5, 1.0)
@@ -45,7 +45,7 @@ class PushLimits:
     load: float
     tipping: float
     saturating: bool = False
-    force: float = STRONGEST_HAND
+    force: float = MAX_HAND_FORCE
     max_distal_ratio: float = np.inf
 
 
@@ -170,10 +170,10 @@ def _forces(
         return
     levers = model.point_jacobian(link, point, posture)[:, _outer(robot, joint)]
     # A point on the axis of a joint has a lever of rounding errors, in any direction.
-    turning = levers[:, np.linalg.norm(levers, axis=0) >= SHORTEST_LEVER]
+    turning = levers[:, np.linalg.norm(levers, axis=0) >= MIN_LEVER]
     alone = column - turning @ np.linalg.lstsq(turning, column, rcond=None)[0]
     candidates = [smallest]
-    if turning.size and float(np.linalg.norm(alone)) >= SHORTEST_LEVER:
+    if turning.size and float(np.linalg.norm(alone)) >= MIN_LEVER:
         for fraction in (0.4, 0.2, 0.0):
             along = alone + fraction * (column - alone)
             candidates.append(along * (torque / float(along @ column)))
@@ -248,7 +248,7 @@ def _column(
 ) -> FloatArray:
     """(3,) where a joint carries a point, per radian [m]."""
     column = model.point_jacobian(link, point, posture)[:, index]
-    if float(np.linalg.norm(column)) < SHORTEST_LEVER:
+    if float(np.linalg.norm(column)) < MIN_LEVER:
         raise PushTooStrongError(f"a force at this point of {link} does not turn {joint}")
     return column
 
@@ -273,8 +273,8 @@ def _check(planned: PlannedPush, bounds: PushLimits, worst: str, tipping: float)
         raise PushTooStrongError(
             f"{size} would come to {tipping:.0%} of what tips the robot over; at most {bounds.tipping:.0%}"
         )
-    if planned.newtons > STRONGEST_HAND:
-        raise PushTooStrongError(f"{size} is more than any hand does, {STRONGEST_HAND:g} N")
+    if planned.newtons > MAX_HAND_FORCE:
+        raise PushTooStrongError(f"{size} is more than any hand does, {MAX_HAND_FORCE:g} N")
     if planned.newtons > bounds.force:
         raise PushTooStrongError(f"{size} is more than the hand may do, {bounds.force:g} N")
 

@@ -12,16 +12,16 @@ from pepper_driver.first_hour.operator import Operator
 from pepper_driver.first_hour.plan import HourPlan, PlannedStep
 from pepper_driver.first_hour.state import (
     STATE,
-    Figure,
     FirstHour,
     FirstHourError,
+    ResultValue,
     StepName,
     check_same_hour,
     load_state,
     save_state,
 )
 
-Action = Callable[[], Mapping[str, Figure]]
+Action = Callable[[], Mapping[str, ResultValue]]
 """Makes a step; returns its figures. An error or an interrupt leaves the step to be made again."""
 
 

@@ -31,7 +31,7 @@ STEPS: tuple[StepName, ...] = get_args(StepName)
 
 StepProgress = Literal["open", "begun", "done"]
 
-Figure = bool | int | float | str | tuple[str, ...] | None
+ResultValue = bool | int | float | str | tuple[str, ...] | None
 
 ANOTHER_FOLDER = "give another folder to --out"
 
@@ -56,8 +56,8 @@ class StepRecord:
     progress: StepProgress = "open"
     begin: str | None = None
     end: str | None = None
-    figures: Mapping[str, Figure] = field(default_factory=dict)
-    earlier: tuple[Mapping[str, Figure], ...] = ()
+    figures: Mapping[str, ResultValue] = field(default_factory=dict)
+    earlier: tuple[Mapping[str, ResultValue], ...] = ()
 
     def reopened(self) -> StepRecord:
         """Return the state of a step that is to be made again."""
@@ -117,7 +117,7 @@ class FirstHour:
         earlier = (*step.earlier, step.figures) if step.progress == "begun" else step.earlier
         return self._with(StepRecord(name=name, progress="begun", begin=now(), earlier=earlier))
 
-    def done(self, name: StepName, figures: Mapping[str, Figure]) -> FirstHour:
+    def done(self, name: StepName, figures: Mapping[str, ResultValue]) -> FirstHour:
         """Return the state with a step that ends now."""
         step = self.step(name)
         return self._with(replace(step, progress="done", end=now(), figures=dict(figures)))

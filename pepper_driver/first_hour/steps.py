@@ -30,7 +30,7 @@ from pepper_driver.experiments.plan import plan_experiment
 from pepper_driver.first_hour.bundle import PLACES
 from pepper_driver.first_hour.operator import Operator
 from pepper_driver.first_hour.plan import HourPlan, standing
-from pepper_driver.first_hour.state import Figure, FirstHourError, StepName
+from pepper_driver.first_hour.state import FirstHourError, ResultValue, StepName
 from pepper_driver.identification import (
     Identification,
     fit_folder,
@@ -140,7 +140,7 @@ class RobotSteps:
     display: Display
     workers: Workers = -1
 
-    def actions(self) -> dict[StepName, Callable[[], Mapping[str, Figure]]]:
+    def actions(self) -> dict[StepName, Callable[[], Mapping[str, ResultValue]]]:
         """Return all steps by name."""
         return {
             "doctor": self.doctor,
@@ -154,7 +154,7 @@ class RobotSteps:
 
     # -- before models ------------------------------------------------------------------------------------------------
 
-    def doctor(self) -> Mapping[str, Figure]:
+    def doctor(self) -> Mapping[str, ResultValue]:
         """Examine the robot at rest and in a small motion; what was seen is kept also where a check fails."""
         with self.display.bar("looking") as advance:
             seen = examine(self.uri, unidentified=True, robot=self.robot, on_progress=advance)
@@ -180,7 +180,7 @@ class RobotSteps:
             ),
         }
 
-    def measure(self) -> Mapping[str, Figure]:
+    def measure(self) -> Mapping[str, ResultValue]:
         """Measure the robot: delay, noise, friction, speed, and the scale of torques by a weight."""
         while True:
             self._record(measure_only=True)
@@ -202,7 +202,7 @@ class RobotSteps:
             "limited": tuple(k for k, one in measured.joints.items() if one.speed_limited),
         }
 
-    def identify(self) -> Mapping[str, Figure]:
+    def identify(self) -> Mapping[str, ResultValue]:
         """Record free motion, fit models; runs that look touched may be recorded again, each once."""
         offered: set[str] = set()
         while True:
@@ -279,7 +279,7 @@ class RobotSteps:
 
     # -- with models --------------------------------------------------------------------------------------------------
 
-    def watch(self, name: StepName, experiment: Experiment) -> Mapping[str, Figure]:
+    def watch(self, name: StepName, experiment: Experiment) -> Mapping[str, ResultValue]:
         """Play an experiment without a touch: all contacts are false."""
         log = self.folder / f"{name}.mcap"
         set_aside(log)
@@ -315,7 +315,7 @@ class RobotSteps:
             "seconds": experiment.max_length,
         }
 
-    def touches(self) -> Mapping[str, Figure]:
+    def touches(self) -> Mapping[str, ResultValue]:
         """Ask for touches, and label them."""
         log = self.folder / PLACES["touches"]
         set_aside(log)
@@ -336,7 +336,7 @@ class RobotSteps:
             self.display.line(f"warning: {done.touches} of {asked} touches were labelled")
         return {"asked": asked, "touches": done.touches, "contacts": done.contacts}
 
-    def pack(self) -> Mapping[str, Figure]:
+    def pack(self) -> Mapping[str, ResultValue]:
         """Pack what can be sent."""
         from pepper_driver.first_hour.pack import pack_bundle
 

@@ -230,7 +230,7 @@ def _make_robots(
 ) -> tuple[list[_Robot], list[IdentifiedRobot]]:
     """Return the robots, and those that cannot be built."""
     if "draw" in parse_uri(uri).query:
-        raise ConfigError(f"backend '{uri}': its draw says nothing beside a list of draws")
+        raise ConfigError(f"backend '{uri}': its draw has no meaning next to a list of draws")
     uri = experiment_uri(uri, motion.experiment)
     code = {**environment(), SOURCES: sources_hash(_APART)}
     driven = {**environment(), SOURCES: sources_hash((*_APART, *_NOT_RECORDED))}

@@ -57,10 +57,10 @@ LONG_GAP = 0.1
 BURST = 3.5
 """Robust standard deviations by which the logarithm of a run's largest residual may lie above that of other runs."""
 
-LEAST_SPREAD = 0.2
+MIN_SPREAD = 0.2
 """Of that logarithm: few runs may be similar by chance."""
 
-LEAST_BURST = np.radians(0.5)
+MIN_BURST = np.radians(0.5)
 """[rad] Residual beyond that of other runs that raises no warning."""
 
 SLOWER = 0.8
@@ -271,27 +271,27 @@ def _clipped(name: str, run: Recording, joint: str) -> list[Finding]:
 
 
 def _behind(name: str, run: Recording, joint: str) -> list[Finding]:
-    """Return a joint that runs slower than it is told: a limiter, or a motor at its limit, that no model knows."""
+    """Return a joint that runs slower than its command: a limiter, or a motor at its limit, that no model knows."""
     index = run.joint_names.index(joint)
     late = float(np.abs(run.tracking_error(index)).max())
     ticks = max(1, round(SPEED_TIME / run.cycle))
     if late < WORKING_ERROR or len(run) <= ticks:
         return []
-    told, ran = (
+    commanded, ran = (
         float(np.abs(values[ticks:, index] - values[:-ticks, index]).max()) / (ticks * run.cycle)
         for values in (run.sent_position, run.position)
     )
-    if ran > SLOWER * told:
+    if ran > SLOWER * commanded:
         return []
     text = (
-        f"falls {late:.2f} rad behind: it runs at {ran:.2f} rad/s at most where it is told {told:.2f}. A limiter, or a "
+        f"falls {late:.2f} rad behind: it runs at {ran:.2f} rad/s at most, commanded {commanded:.2f}. A limiter, or a "
         "motor at its limit, is in no model; use a slower motion"
     )
     return [Finding(kind="behind", joint=joint, run=name, text=text)]
 
 
 def _constants(joint: str, model: JointModel) -> list[Finding]:
-    """Find constants of a stick-slip model that would have gone further than the fit lets them."""
+    """Find constants of a stick-slip model that are at a bound of the fit."""
     if not isinstance(model, FusionModel):
         return []
     found = []
@@ -320,8 +320,8 @@ def _bursts(
         usual = float(np.median(others))
         # Logarithms, since residuals vary by factors; 1.4826 makes the median deviation a standard deviation.
         spread = 1.4826 * float(np.median(np.abs(np.log(others / usual))))
-        score = float(np.log(largest[number] / usual)) / max(spread, LEAST_SPREAD)
-        if score > BURST and largest[number] - usual > LEAST_BURST:
+        score = float(np.log(largest[number] / usual)) / max(spread, MIN_SPREAD)
+        if score > BURST and largest[number] - usual > MIN_BURST:
             run, sample = runs[number], int(np.nanargmax(residuals[number]))
             when = run.time[sample] - run.time[0]
             size = (

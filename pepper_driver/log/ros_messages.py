@@ -69,7 +69,7 @@ class RosTopic:
 
     @property
     def schema(self) -> str:
-        """Definition of the message, and those of all messages in it, as MCAP wants them."""
+        """Definition of the message, and those of all messages in it, as MCAP requires them."""
         first, *others = _with_parts(f"{self.package}/{self.message}")
         parts = [f"{'=' * 80}\nMSG: {name}\n{DEFINITIONS[name]}" for name in others]
         return "".join([DEFINITIONS[first], *parts])
@@ -106,7 +106,7 @@ class _Message:
     """
 
     def __init__(self, data: bytes) -> None:
-        # Numbers of 8 bytes have their places in a message from the end of its header on; kernels want them in memory.
+        # Numbers of 8 bytes have their places in a message from the end of its header on; kernels need them in memory.
         lead = 8 - len(CDR_HEADER)
         memory = np.zeros(-(-(lead + len(data)) // 8)).view(np.uint8)
         memory[lead : lead + len(data)] = np.frombuffer(data, np.uint8)

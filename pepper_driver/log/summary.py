@@ -111,7 +111,7 @@ def _plain(value: object) -> object:
 
 @dataclass(frozen=True, kw_only=True)
 class LogSummary:
-    """Figures of one log.
+    """Results of one log.
 
     Attributes:
         robot: Name of the robot.

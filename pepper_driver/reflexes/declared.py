@@ -23,7 +23,7 @@ from pepper_driver.reflexes.retract import Retract
 REFLEX_GROUP = "pepper_driver.reflexes"
 """Entry-point group for reflexes: ``name = "module:Class"``, a dataclass derived from ``Reflex``."""
 
-LONGEST_NAME = 80
+MAX_NAME = 80
 
 _REFLEXES = {
     kind_of(cls): f"{cls.__module__}:{cls.__name__}"
@@ -63,7 +63,7 @@ def make_reflexes(
             if what:
                 raise ConfigError(
                     f"{source}: key '{second}': '{other.name}' and '{one.name}' of '{first}' answer"
-                    f" the same contacts with the same priority, {one.priority}, and both want {what}; give one of"
+                    f" the same contacts with the same priority, {one.priority}, and both claim {what}; give one of"
                     " them another 'priority', or other contacts"
                 )
     return tuple(made.values())
@@ -121,8 +121,8 @@ def make_reflex(entry: Mapping[str, Any], robot: RobotConfig, source: str, key: 
                     f"{source}: unknown key '{key}{part}.{name}'{suggestion(name, allowed)}"
                 )
     name = rest.get("name", kind)
-    if not (isinstance(name, str) and 0 < len(name) <= LONGEST_NAME and name.isprintable()):
-        raise ConfigError(f"{where}.name': a name of up to {LONGEST_NAME} letters, got {name!r}")
+    if not (isinstance(name, str) and 0 < len(name) <= MAX_NAME and name.isprintable()):
+        raise ConfigError(f"{where}.name': a name of up to {MAX_NAME} letters, got {name!r}")
     try:
         ContactSelector.from_arguments(**on).check(robot)
         reflex = cls(**on, **rest)

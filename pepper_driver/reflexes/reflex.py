@@ -44,7 +44,7 @@ MAX_REFLEX_TIME = 3600.0
 
 
 class ReflexError(PepperError, ValueError):
-    """A reflex with an argument that makes no sense, or two that want the same."""
+    """A reflex with an argument that makes no sense, or two that claim the same."""
 
 
 def kind_of(reflex: type[Reflex]) -> str:
@@ -73,7 +73,7 @@ class Reflex:
         min_intensity_deg: Only contacts of at least this intensity [deg].
         min_torque: Only contacts with at least this torque on their joint [N m].
         min_force: Only contacts with at least this force on their limb [N].
-        priority: Of several that want the same joints, or the base, the one with the highest gets them.
+        priority: Of several that claim the same joints, or the base, the one with the highest gets them.
         then: ``resume``: the user's motion continues. ``stay``: the joints stay where they are until the user moves
             them.
         release_delay: Time that it stays active after the last contact [s].

@@ -1,4 +1,4 @@
-"""Films and pictures of a log, drawn off-screen: the robot in space, and beside it what its joints felt."""
+"""Films and pictures of a log, drawn off-screen: the robot in space, and next to it the contacts of its joints."""
 
 from typing import Literal
 

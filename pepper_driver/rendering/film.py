@@ -53,7 +53,7 @@ CAPTION_HEIGHT = 0.034
 """Letters, as a fraction of the picture's height."""
 MIN_FORCE = 0.5
 """[N] A smaller force is not named."""
-TEXT_COLOR, FELT_COLOR, FAINT_COLOR = (40, 44, 52), (200, 60, 0), (120, 126, 136)
+TEXT_COLOR, CONTACT_COLOR, FAINT_COLOR = (40, 44, 52), (200, 60, 0), (120, 126, 136)
 
 PALETTE_SAMPLES = 12
 """Frames from which the colours of a GIF are chosen."""
@@ -75,7 +75,7 @@ class Film:
         speed: Times real time.
         size: Width and height in pixels, even numbers.
         view: Side from which the robot is seen.
-        joints: Whose residuals are shown, at most three; without any, those on which contacts were felt.
+        joints: Whose residuals are shown, at most three; without any, those on which contacts were detected.
 
     Attributes:
         times: (n,) moments of the frames, on the clock of the robot [s].
@@ -229,7 +229,7 @@ def check_gif(frames: int, fps: float) -> None:
 
 
 class Frames:
-    """Draws frames of a film: the robot with a caption, and the signals beside or below it.
+    """Draws frames of a film: the robot with a caption, and the signals next to it or below it.
 
     Args:
         film: What to draw.
@@ -247,9 +247,9 @@ class Frames:
         width, height = film.size
         scene = _scene_size(width, height) if film.joints else film.size
         self._panel: SignalPanel | None = None
-        self._beside = scene[1] == height
+        self._side_by_side = scene[1] == height
         if film.joints:
-            panel = (width - scene[0], height) if self._beside else (width, height - scene[1])
+            panel = (width - scene[0], height) if self._side_by_side else (width, height - scene[1])
             self._panel = SignalPanel(log, film.joints, film.start, film.stop, *panel)
         self._caption = Caption(film.robot, round(CAPTION_HEIGHT * min(height, width)))
         heading = float(np.nan_to_num(self._moments.base[self._moments.row(film.start), 2]))
@@ -268,24 +268,24 @@ class Frames:
 
     def draw(self, time: float) -> PixelArray:
         """Return (height, width, 3) pixels at a time [s]."""
-        felt = self._moments.felt(time)
+        contacts = self._moments.contacts(time)
         picture = self._moments.picture(self._moments.row(time))
-        robot = self._scene.draw(picture, felt)
+        robot = self._scene.draw(picture, contacts)
         robot = self._caption.write(
             robot,
             time,
-            felt,
+            contacts,
             forces=picture.forces,
             observed=self._panel is not None,
             simulated=self._moments.log.truth is not None,
         )
         if self._panel is None:
             return robot
-        return np.concatenate((robot, self._panel.draw(time)), axis=1 if self._beside else 0)
+        return np.concatenate((robot, self._panel.draw(time)), axis=1 if self._side_by_side else 0)
 
 
 class Caption:
-    """Text in the picture of the robot: the time, what is felt, and that it is a simulation.
+    """Text in the picture of the robot: the time, the contacts, and that it is a simulation.
 
     Args:
         robot: Names the limbs.
@@ -306,7 +306,7 @@ class Caption:
         self,
         pixels: PixelArray,
         time: float,
-        felt: Sequence[Contact],
+        contacts: Sequence[Contact],
         *,
         forces: Sequence[Force],
         observed: bool,
@@ -320,12 +320,12 @@ class Caption:
         place = (self._margin, self._margin)
         draw.text(place, f"{time:.2f} s", font=self._large, fill=TEXT_COLOR)
         below = (self._margin, self._margin + round(1.35 * self._large.size))
-        limbs = [limb for limb in self._limbs if any(c.limb == limb for c in felt)]
+        limbs = [limb for limb in self._limbs if any(c.limb == limb for c in contacts)]
         if limbs:
             text = ", ".join(limb.replace("_", " ") for limb in limbs)
-            draw.text(below, f"feels: {text}", font=self._large, fill=FELT_COLOR)
+            draw.text(below, f"contact: {text}", font=self._large, fill=CONTACT_COLOR)
         elif observed:
-            draw.text(below, "feels nothing", font=self._large, fill=FAINT_COLOR)
+            draw.text(below, "no contact", font=self._large, fill=FAINT_COLOR)
         if simulated:
             corner = (self._margin, image.height - self._margin)
             draw.text(corner, "simulation", font=self._small, fill=FAINT_COLOR, anchor="ls")

@@ -13,7 +13,7 @@ from warnings import catch_warnings, simplefilter
 from pepper_driver.config import ConfigError, PepperError
 
 VARIABLE = "MUJOCO_GL"
-"""Environment variable with which MuJoCo is told what to draw with."""
+"""Environment variable that selects what MuJoCo draws with."""
 
 OFF_SCREEN = ("egl", "osmesa")
 """Tried in this order where the variable is not set: the first uses a graphics processor where there is one."""

@@ -1,4 +1,4 @@
-"""Signals beside the robot: residuals of joints with their thresholds, what was felt, and a cursor of time."""
+"""Signals next to the robot: residuals of joints with their thresholds, contacts, and a cursor of time."""
 
 from __future__ import annotations
 
@@ -140,14 +140,14 @@ def joints_to_show(log: RunLog, start: float, stop: float) -> list[str]:
 
     Without contacts it is the joint that came nearest to its threshold, and none where nothing was observed.
     """
-    felt = Counter(
+    detected = Counter(
         contact.shown_by
         for contact, end in log.lasting_contacts()
         if contact.shown_by in log.joint_names and contact.onset_time <= stop and end >= start
     )
-    if felt:
+    if detected:
         return sorted(
-            (joint for joint, _ in felt.most_common(MAX_JOINTS)), key=log.joint_names.index
+            (joint for joint, _ in detected.most_common(MAX_JOINTS)), key=log.joint_names.index
         )
     rows = (log["time"] >= start) & (log["time"] <= stop)
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -1,4 +1,4 @@
-"""The robot in space, drawn off-screen by MuJoCo: floor, robot, ghost of its command, arrows at what it feels."""
+"""The robot in space, drawn off-screen by MuJoCo: floor, robot, ghost of its command, arrows at the contacts."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ class SceneRenderer:
 
         Args:
             picture: State of the robot.
-            contacts: That are felt at this moment.
+            contacts: At this moment.
         """
         x, y, _ = np.nan_to_num(picture.base).tolist()
         self._camera.lookat[:] = x, y, EYE_HEIGHT
@@ -268,7 +268,7 @@ class SceneRenderer:
 
 
 def _geom_size(shape: str, size: tuple[float, ...]) -> FloatArray:
-    """(3,) size of a shape as MuJoCo wants it: half the lengths."""
+    """(3,) size of a shape as MuJoCo needs it: half the lengths."""
     if shape == "box":
         return 0.5 * np.array(size)
     if shape == "cylinder":
@@ -277,7 +277,7 @@ def _geom_size(shape: str, size: tuple[float, ...]) -> FloatArray:
 
 
 def _apart(poses: FloatArray, others: FloatArray) -> BoolArray:
-    """(n,) which of two drawings of a part can be told from each other."""
+    """(n,) which of two drawings of a part differ visibly."""
     distance = np.linalg.norm(poses[:, :3, 3] - others[:, :3, 3], axis=1)
     turn = np.einsum("nji,nji->n", poses[:, :3, :3], others[:, :3, :3])  # trace of the rotation
     angle = np.arccos(np.clip(0.5 * (turn - 1.0), -1.0, 1.0))

@@ -60,7 +60,7 @@ def replay(
     """Step observer and reflexes through a recording.
 
     The observer sees the recorded ticks, bit for bit. The controller plays the recorded references, whatever
-    reflexes want of it, and passes the safety gate; the commands that come out are compared with those recorded.
+    reflexes request of it, and passes the safety gate; the commands that come out are compared with those recorded.
 
     Args:
         run: The recording.

@@ -36,8 +36,8 @@ class JointLimit:
     Attributes:
         lower: Limit of its position [rad].
         upper: The other one [rad].
-        largest_step: Of the position, from one command to the next [rad].
-        largest_change: Of such a step, from one command to the next [rad]: A.
+        max_step: Of the position, from one command to the next [rad].
+        max_change: Of such a step, from one command to the next [rad]: A.
         stiffness_step: Largest of the stiffness, from one command to the next.
         position: Of the last command [rad].
         step: From the command before to the last one [rad].
@@ -47,8 +47,8 @@ class JointLimit:
 
     lower: float
     upper: float
-    largest_step: float
-    largest_change: float
+    max_step: float
+    max_change: float
     stiffness_step: float
     position: float
     step: float
@@ -79,8 +79,8 @@ def joint_limits(
         len(lower),
         lower=lower,
         upper=upper,
-        largest_step=speed * cycle,
-        largest_change=acceleration * cycle**2,
+        max_step=speed * cycle,
+        max_change=acceleration * cycle**2,
         stiffness_step=cycle / stiffness_ramp,
     )
 
@@ -108,16 +108,16 @@ def limit_joints(
     limited = False
     for j in range(len(joints)):
         joint = joints[j]
-        before, change = joint.position, joint.largest_change
-        wanted = before if brake else requested[j]
-        step = wanted - before
-        low = max(joint.step - change, -joint.largest_step)
-        high = min(joint.step + change, joint.largest_step)
+        before, change = joint.position, joint.max_change
+        goal = before if brake else requested[j]
+        step = goal - before
+        low = max(joint.step - change, -joint.max_step)
+        high = min(joint.step + change, joint.max_step)
         # Position counts most: it is the last to be asked.
         high = min(high, braking_step(joint.upper - before, change))
         low = max(low, -braking_step(before - joint.lower, change))
         beyond = step > high + ANGLE_ROUNDING or step < low - ANGLE_ROUNDING
-        sent = before + min(max(step, low), high) if beyond else wanted
+        sent = before + min(max(step, low), high) if beyond else goal
         joint.position = min(max(sent, joint.lower), joint.upper)
         joint.limited = joint.position != requested[j] if brake else beyond
         joint.step = joint.position - before
@@ -150,15 +150,15 @@ class WheelLimit:
 
     Attributes:
         speed_limit: [rad/s].
-        largest_change: Of its speed, from one command to the next [rad/s].
+        max_change: Of its speed, from one command to the next [rad/s].
         speed: The last one [rad/s].
-        wanted: Speed towards which it changes [rad/s].
+        target: Speed towards which it changes [rad/s].
     """
 
     speed_limit: float
-    largest_change: float
+    max_change: float
     speed: float
-    wanted: float
+    target: float
 
 
 @kernel
@@ -184,16 +184,16 @@ def limit_wheels(wheels: Out[Records[WheelLimit]], requested: FloatArray, stop: 
     fraction = 1.0
     for w in range(len(wheels)):
         wheel = wheels[w]
-        wheel.wanted = requested[w] / fastest * wheel.speed_limit if too_fast else requested[w]
-        change = abs(wheel.wanted - wheel.speed)
-        if change > wheel.largest_change:
-            fraction = min(fraction, wheel.largest_change / change)
+        wheel.target = requested[w] / fastest * wheel.speed_limit if too_fast else requested[w]
+        change = abs(wheel.target - wheel.speed)
+        if change > wheel.max_change:
+            fraction = min(fraction, wheel.max_change / change)
     for w in range(len(wheels)):
         wheel = wheels[w]
         if fraction < 1.0:
-            wheel.speed += fraction * (wheel.wanted - wheel.speed)
+            wheel.speed += fraction * (wheel.target - wheel.speed)
         else:
-            wheel.speed = wheel.wanted
+            wheel.speed = wheel.target
     return too_fast or fraction < 1.0
 
 
@@ -216,9 +216,9 @@ class BaseGuard:
         linear, angular = base.linear_acceleration, base.angular_acceleration
         # The largest that the base's own limits ask of each wheel.
         acceleration = np.abs(robot.wheels.matrix) @ np.array([linear, linear, angular])
-        largest_change = settings.acceleration_margin * acceleration * robot.cycle
+        max_change = settings.acceleration_margin * acceleration * robot.cycle
         self.wheels = make_records(
-            WheelLimit, 3, speed_limit=robot.wheels.speed_limit, largest_change=largest_change
+            WheelLimit, 3, speed_limit=robot.wheels.speed_limit, max_change=max_change
         )
         self._still = np.zeros(3)  # shared by many commands
         self._still.setflags(write=False)

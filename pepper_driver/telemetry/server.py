@@ -105,7 +105,7 @@ class TelemetryServer:
 
     Args:
         on_request: Called for each request, on this server's thread; None refuses all.
-        on_leave: Called with the number of a listener that is gone, on the same thread.
+        on_leave: Called with the number of a listener that has left, on the same thread.
         can: Returns at the begin of a run what may be requested, for listeners to show.
 
     Attributes:
@@ -209,13 +209,13 @@ class TelemetryServer:
     # -- the thread -----------------------------------------------------------------------------------------------
 
     def _serve(self) -> None:
-        told: _Run | None = None
+        announced: _Run | None = None
         next_status = 0.0
         while not self._closing.is_set():
             self._handle_sockets()
             run = self._run
-            if run is not told:
-                told = run
+            if run is not announced:
+                announced = run
                 for listener in self._listeners.values():
                     self._introduce(listener)
             if run is None:
@@ -224,8 +224,8 @@ class TelemetryServer:
             if time.monotonic() >= next_status:
                 next_status = time.monotonic() + STATUS_PERIOD
                 self._send(run.status())
-        if told is not None:
-            self._send_entries(told)
+        if announced is not None:
+            self._send_entries(announced)
         for listener in tuple(self._listeners.values()):
             self._drop(listener)
         self._selector.close()
@@ -283,7 +283,7 @@ class TelemetryServer:
     def _accept(self) -> None:
         try:
             connection, _ = self._socket.accept()
-        except OSError:  # gone again
+        except OSError:  # it has left again
             return
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -296,12 +296,12 @@ class TelemetryServer:
         try:
             data = listener.socket.recv(2**16)
             if not data:
-                raise TelemetryError("gone")
+                raise TelemetryError("left")
             for message in listener.messages.feed(data):
                 self._take(listener, message)
         except BlockingIOError:
             return
-        except (OSError, ValueError, TelemetryError):  # gone, or no listener of ours
+        except (OSError, ValueError, TelemetryError):  # it has left, or is no listener of ours
             self._drop(listener)
 
     def _take(self, listener: _Listener, message: Message) -> None:

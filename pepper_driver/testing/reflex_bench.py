@@ -80,16 +80,16 @@ class ReflexBench:
     def step(self, *contacts: Contact, torque: Mapping[str, float] | None = None) -> FloatArray:
         """Make one tick with these contacts and external torques [N m]; (17,) joint positions [rad] after it."""
         robot, count = self._robot, len(self._robot.joint_names)
-        felt, state = np.zeros(count), np.full(count, JointState.FREE, dtype=np.int8)
+        external_torque, state = np.zeros(count), np.full(count, JointState.FREE, dtype=np.int8)
         for name, value in (torque or {}).items():
-            felt[robot.joint_index(name)] = value
+            external_torque[robot.joint_index(name)] = value
             state[robot.joint_index(name)] = JointState.CONTACT
         observation = Observation(
             contacts=contacts,
             expected=np.zeros(count),
             residual=np.zeros(count),
             threshold=np.ones(count),
-            torque=felt,
+            torque=external_torque,
             torque_std=np.full(count, TORQUE_STD),
             state=state,
         )

@@ -115,7 +115,7 @@ class TouchControls:
         """Raise a CapabilityError where requests of a kind are not taken."""
 
     def leave(self, listener: int) -> None:
-        """Let go of what a listener held that is gone."""
+        """Let go of what a listener held that has left."""
         for key in [key for key in self._hands if key[0] == listener]:
             with suppress(PepperError):  # the robot has ended, and holds on to nothing
                 self._release(*key)

@@ -105,7 +105,7 @@ def touch_arrows(
     Where no force was fitted, the arrow is the force at the link that gives the torque on the joint, and one deviation.
 
     Args:
-        contact: As it is felt.
+        contact: As the observer reports it.
         robot: Description of the robot.
         link_pose: Gives (4, 4) the transform of a link to the world.
         centres: See :func:`centres_of`.

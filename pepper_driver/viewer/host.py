@@ -79,7 +79,7 @@ def make_gained_reflexes(
     """Return reflexes of these kinds with their gains.
 
     Raises:
-        ConfigError: An unknown kind or gain, one out of range, or two reflexes that want the same joints.
+        ConfigError: An unknown kind or gain, one out of range, or two reflexes that claim the same joints.
     """
     declared = {kind: {"do": kind, **numbers} for kind, numbers in gains.items()}
     return make_reflexes(declared, robot, _SOURCE)

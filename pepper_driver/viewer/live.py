@@ -194,8 +194,8 @@ class LivePage(Page):
         time_text = f"{self.pictures[-1].time:.1f} s" if self.pictures else ""
         facts = []
         if self._observed:
-            felt = ", ".join(sorted({c.limb for c in self._contacts.values()})) or "nothing"
-            facts.append(f"touched: **{felt}**")
+            touched = ", ".join(sorted({c.limb for c in self._contacts.values()})) or "nothing"
+            facts.append(f"touched: **{touched}**")
         if "reflexes" in status:  # a robot that is only served has none of this
             facts.append(f"reflex: {', '.join(status['reflexes']) or 'none'}")
             if status["attentive"]:
@@ -254,14 +254,14 @@ class LivePage(Page):
             self._drag.sent = 0.0
 
     def _refresh_drag(self, now: float) -> None:
-        """Tell where the hand is to go, also while the mouse rests: the robot lets a silent hand go."""
+        """Send where the hand is to go, also while the mouse rests: a hand without requests lets go of the robot."""
         drag = self._drag
         if drag is not None and now - drag.sent >= REFRESH:
             drag.sent = now
             self._request("move", link=drag.link, to=drag.to.tolist())
 
     def _leave(self, client: viser.ClientHandle) -> None:
-        """End at once what a browser did that is gone; of one that only hangs, the robot sees that it is silent."""
+        """End at once what a browser did that has left; for one that only hangs, the robot's timeout does."""
         self._let_go(client.client_id)
         if self._driver == client.client_id and time.monotonic() - self._driven < DRIVING:
             self._request("drive", vx=0.0, vy=0.0, wz=0.0)
@@ -273,7 +273,7 @@ class LivePage(Page):
             self._request("release", link=drag.link)
 
     def _show_hand(self, picture: Picture) -> None:
-        """Show the size of the largest force on the robot beside it."""
+        """Show the size of the largest force on the robot next to it."""
         sizes = [float(np.linalg.norm(f.force)) for f in picture.forces]
         if not sizes or max(sizes) < 0.05:
             if self._label is not None:

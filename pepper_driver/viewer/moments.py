@@ -57,14 +57,14 @@ class Moments:
         number = min(bisect_left(self._truth_times, time), len(self._truth_times) - 1)
         return tuple(self._forces.get(self._truth_times[number], ()))
 
-    def felt(self, time: float) -> list[Contact]:
+    def contacts(self, time: float) -> list[Contact]:
         """Return the contacts at a time [s] as they were known then; rebounds are none."""
-        felt = []
+        active = []
         for events in self._contacts:
             known = bisect_right(events, time, key=lambda event: event.time)
             if known and (now := events[known - 1]).phase != "end" and now.kind != "rebound":
-                felt.append(now)
-        return felt
+                active.append(now)
+        return active
 
 
 def by_contact(events: Sequence[Contact]) -> list[list[Contact]]:

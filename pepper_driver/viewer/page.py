@@ -13,7 +13,7 @@ from pepper_driver.viewer.serving import ServedPage
 from pepper_driver.viewer.signals import AUTOMATIC, WINDOW, Curves
 
 CAMERA, LOOK_AT, FIELD_OF_VIEW = (2.6, -0.8, 1.25), (0.1, 0.15, 0.62), 0.6
-"""[m], [m], [rad] The robot from its front, as a person sees it, beside the panel."""
+"""[m], [m], [rad] The robot from its front, as a person sees it, next to the panel."""
 
 CURVE_PERIOD = 0.12
 """[s] between two drawings of the curves."""
@@ -54,7 +54,7 @@ class Page:
 
         @ghost.on_update
         def _(_: object) -> None:
-            scene.ghost_wanted = ghost.value
+            scene.show_ghost = ghost.value
 
         @names.on_update
         def _(_: object) -> None:
@@ -73,10 +73,10 @@ class Page:
         while self.pictures[0].time < picture.time - WINDOW:
             self.pictures.popleft()
 
-    def draw_curves(self, moment: Picture, felt: Iterable[Contact], now: float) -> bool:
+    def draw_curves(self, moment: Picture, contacts: Iterable[Contact], now: float) -> bool:
         """Draw the curves at a moment with its contacts; return False where the last time was only just before."""
         if now < self._next_curves:
             return False
         self._next_curves = now + CURVE_PERIOD
-        self.curves.update(list(self.pictures), moment, felt)
+        self.curves.update(list(self.pictures), moment, contacts)
         return True

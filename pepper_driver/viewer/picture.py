@@ -73,8 +73,8 @@ class Picture:
     def excess(self) -> FloatArray:
         """(17,) size of the residual over its threshold; 0 where a joint has none."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            share = np.abs(self.residual) / self.threshold
-        return np.nan_to_num(share, posinf=0.0)
+            ratio = np.abs(self.residual) / self.threshold
+        return np.nan_to_num(ratio, posinf=0.0)
 
 
 def picture_of(

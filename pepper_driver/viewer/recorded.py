@@ -1,4 +1,4 @@
-"""The page of a log: the robot over a time line, with what was felt then and what is felt now."""
+"""The page of a log: the robot over a time line, with the recorded contacts and those of a replay."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class RecordedPage(Page):
     Args:
         path: The log.
         served: Where it is shown.
-        pairs: Recorded contacts beside those of a replay; None before one.
+        pairs: Recorded contacts next to those of a replay; None before one.
 
     Raises:
         LogError: It cannot be read, or has no tick.
@@ -151,21 +151,21 @@ class RecordedPage(Page):
             self.scene.clear()
         moments = self._moments
         row = moments.row(self._moment)
-        picture, felt = moments.picture(row), moments.felt(self._moment)
-        self.scene.show(picture, felt)
+        picture, contacts = moments.picture(row), moments.contacts(self._moment)
+        self.scene.show(picture, contacts)
         first, last = moments.row(self._moment - WINDOW), moments.row(self._moment + AHEAD)
         self.pictures.clear()
         self.pictures.extend(
             moments.picture(r) for r in range(first, last + 1, max(1, (last - first) // 300))
         )
-        self._shown = picture, felt
+        self._shown = picture, contacts
         count = bisect_right(self._event_times, self._moment)
         self._events.show(moments.log.events[max(0, count - SHOWN_LINES) : count])
         count = bisect_right(self._pairs, self._moment, key=_onset)
         self._table.content = pair_table(
             self._pairs[max(0, count - SHOWN_LINES) : count], recomputed=self._recomputed
         )
-        touched = ", ".join(sorted({c.limb for c in felt})) or "nothing"
+        touched = ", ".join(sorted({c.limb for c in contacts})) or "nothing"
         self.status.content = f"{self._about}  \n{picture.time:.2f} s · touched: **{touched}**"
 
     # -- again ----------------------------------------------------------------------------------------------------

@@ -125,9 +125,9 @@ class RobotTree:
         if self._levels.get(link, level) == level:
             return
         self._levels[link] = level
-        share = level / GLOW_LEVELS
+        fraction = level / GLOW_LEVELS
         for handle, color in self.parts[link]:
-            handle.color = tuple(int(value) for value in glowing(color, share))
+            handle.color = tuple(int(value) for value in glowing(color, fraction))
 
 
 def _add_shape(
@@ -161,7 +161,7 @@ class RobotScene:
 
     Attributes:
         body: The robot as measured.
-        ghost_wanted: False to hide the ghost.
+        show_ghost: False to hide the ghost.
         names: Labels of the links, hidden at first.
     """
 
@@ -175,7 +175,7 @@ class RobotScene:
         )
         self.body = RobotTree(server, self._model, visuals, "/robot")
         self._visuals = visuals
-        self.ghost_wanted = True
+        self.show_ghost = True
         self.names: list[Handle] = []
         self._posing, self._tilt = threading.Lock(), np.zeros(2)
         self._centres = centres_of(visuals)
@@ -239,12 +239,12 @@ class RobotScene:
 
         Args:
             picture: State of the robot.
-            contacts: That are felt at this moment.
+            contacts: At this moment.
             path: Go on with the path of the base.
         """
         with self._server.atomic():
             away = np.abs(picture.commanded - picture.position)
-            visible = self.ghost_wanted and bool(np.nan_to_num(away).max() > GHOST_DISTANCE)
+            visible = self.show_ghost and bool(np.nan_to_num(away).max() > GHOST_DISTANCE)
             if visible or "ghost" in self.__dict__:  # a browser has enough to do at first
                 self.ghost.root.visible = visible
             if visible:

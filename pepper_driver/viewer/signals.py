@@ -94,9 +94,11 @@ class Curves:
         for part in (self.choice, self._name, self._residual, self._torque):
             part.visible = visible
 
-    def update(self, pictures: Sequence[Picture], moment: Picture, felt: Iterable[Contact]) -> None:
+    def update(
+        self, pictures: Sequence[Picture], moment: Picture, contacts: Iterable[Contact]
+    ) -> None:
         """Show some pictures, of a joint that is chosen at a moment with its contacts."""
-        joint = self._chosen(moment, felt)
+        joint = self._chosen(moment, contacts)
         step = -(-len(pictures) // MAX_POINTS)
         shown = pictures[::step]
         time = np.array([p.time for p in shown])
@@ -111,19 +113,19 @@ class Curves:
         self._residual.data = (time, residual, threshold, -threshold)
         self._torque.data = (time, torque, torque + std, torque - std)
 
-    def _chosen(self, picture: Picture, felt: Iterable[Contact]) -> int:
+    def _chosen(self, picture: Picture, contacts: Iterable[Contact]) -> int:
         if self.choice.value != AUTOMATIC:
             return self._names.index(self.choice.value)
-        touched = [self._names.index(c.shown_by) for c in felt if c.shown_by is not None]
+        touched = [self._names.index(c.shown_by) for c in contacts if c.shown_by is not None]
         if touched:
             self._since = picture.time
             if self._joint not in touched:
                 self._joint = touched[-1]
             return self._joint
         if not self._since <= picture.time < self._since + HOLD_CHOICE:
-            share = picture.excess
-            best = int(share.argmax())
-            if share[best] >= 1.0 or share[self._joint] < 0.5:
+            ratio = picture.excess
+            best = int(ratio.argmax())
+            if ratio[best] >= 1.0 or ratio[self._joint] < 0.5:
                 self._joint, self._since = best, picture.time
         return self._joint
 
@@ -177,7 +179,7 @@ class Happenings:
 
 
 def pair_table(pairs: Sequence[tuple[Contact | None, Contact | None]], *, recomputed: bool) -> str:
-    """Return recorded and recomputed contacts beside each other as HTML, the newest first.
+    """Return recorded and recomputed contacts next to each other as HTML, the newest first.
 
     Args:
         pairs: Those that match; None for a contact that only the other has.

@@ -34,7 +34,7 @@ STOP_TIME = 3.0
 
 SERVED_ROBOT = (
     "This robot is served: the programs that are connected to it move and stop it. "
-    "What they feel is known to them alone."
+    "Only they know the contacts that their observers detect."
 )
 """What the page of a served robot says where that of a program has controls."""
 
@@ -207,13 +207,13 @@ class PageProcess:
             text=True,
             start_new_session=True,  # Ctrl-C is for the robot's program, which ends this one
         )
-        self._tell({"host": host, "port": port, "token": token})
+        self._send({"host": host, "port": port, "token": token})
 
     def listen_to(self, address: tuple[str, int], token: str) -> None:
         """Say where the stream of the robot is."""
-        self._tell([*address, token])
+        self._send([*address, token])
 
-    def _tell(self, settings: object) -> None:
+    def _send(self, settings: object) -> None:
         with suppress(OSError):  # it ended
             self._stdin.write(json.dumps(settings) + "\n")
             self._stdin.flush()
@@ -260,7 +260,7 @@ class PageProcess:
     def close(self) -> None:
         """End the process."""
         with suppress(OSError):
-            self._stdin.close()  # tells it to end
+            self._stdin.close()  # this ends it
         try:
             self._process.wait(STOP_TIME)
         except subprocess.TimeoutExpired:

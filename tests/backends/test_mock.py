@@ -1,4 +1,4 @@
-"""The robot without physics: exact, and faulty where it is told to be."""
+"""The robot without physics: exact, and faulty where a test requests it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def heads(samples: list[Measurement]) -> list[float]:
     return [float(sample.position[HEAD]) for sample in samples]
 
 
-def test_joints_and_wheels_are_at_once_what_they_are_told() -> None:
+def test_joints_and_wheels_follow_their_command_at_once() -> None:
     backend = active(MockBackend(ROBOT))
     for tick in range(1, 6):
         sample = backend.exchange(command(0.1 * tick, 0.2 * tick))
@@ -55,7 +55,7 @@ def test_a_sample_shows_the_command_of_some_cycles_ago(delay: int) -> None:
     assert [float(sample.wheel_speed[0]) for sample in samples] == [0.1 * tick for tick in shown]
 
 
-def test_wheels_that_nobody_commands_stand() -> None:
+def test_wheels_without_a_command_stand() -> None:
     backend = active(MockBackend(ROBOT))
     backend.write(command(0.3, 1.0))
     samples = [backend.read() for _ in range(DEAD_MAN_CYCLES + 3)]
@@ -104,7 +104,7 @@ def test_faults_change_the_measurement_of_their_tick() -> None:
     assert faults == {0: aged, 2: aged}
 
 
-def test_it_knows_what_was_done_with_it() -> None:
+def test_it_records_what_was_done_with_it() -> None:
     with MockBackend(ROBOT) as backend, pytest.raises(NotConnectedError):
         backend.activate()
     backend.open()

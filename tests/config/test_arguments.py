@@ -92,7 +92,7 @@ def sample(
     *,
     fast: bool = False,
     until: Callable[[], bool] | None = None,
-    told: Callable[[int, int], object] = max,
+    callback: Callable[[int, int], object] = max,
     where: Path | str | None = None,
     texts: Mapping[str, str] | None = None,
     **selector: Unpack[Selector],
@@ -106,9 +106,9 @@ def sample(
 def test_calls_that_fit_go_through() -> None:
     robot = load_robot()
     assert sample(1) == sample(count=1) == 1
-    assert sample(2, robot, fast=True, until=lambda: True, told=lambda a, b: None) == 2
+    assert sample(2, robot, fast=True, until=lambda: True, callback=lambda a, b: None) == 2
     assert sample(3, None, where="x", texts={"a": "b"}, link="Head") == 3
-    assert sample(4, fast=np.bool_(True), where=Path("x"), told=print) == 4  # type: ignore[arg-type]
+    assert sample(4, fast=np.bool_(True), where=Path("x"), callback=print) == 4  # type: ignore[arg-type]
     assert sample.__name__ == "sample"
     assert sample.__doc__
 
@@ -127,7 +127,11 @@ def test_calls_that_fit_go_through() -> None:
         ((1,), {"fast": None}, "sample: fast must be True or False, got None"),
         ((1,), {"until": True}, "until must be a function without arguments, got True"),
         ((1,), {"until": abs}, "until must be a function without arguments, got the function abs"),
-        ((1,), {"told": lambda a: a}, "told must be a function of 2 arguments, got the function"),
+        (
+            (1,),
+            {"callback": lambda a: a},
+            "callback must be a function of 2 arguments, got the function",
+        ),
         ((1,), {"where": 3}, "sample: where must be a path or a text, got 3"),
         ((1,), {"texts": [1]}, "sample: texts must be a mapping, got [1]"),
     ],

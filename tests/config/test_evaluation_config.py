@@ -43,7 +43,7 @@ def test_the_suites_are_as_they_were_frozen(evaluation: EvaluationSuites) -> Non
 
 
 @pytest.mark.parametrize("name", ["paper-RERoll", "sweeps"])
-def test_a_changed_experiment_is_refused_until_it_is_frozen_anew(copy: Path, name: str) -> None:
+def test_a_changed_experiment_is_refused_until_it_is_frozen_again(copy: Path, name: str) -> None:
     before = load_evaluation(ROBOT, copy).digest
     experiment = copy.parent / FOLDER / f"{name}.yaml"
     experiment.write_text(experiment.read_text().replace("[1/s2] of", "[1/s2], of"))
@@ -55,7 +55,7 @@ def test_a_changed_experiment_is_refused_until_it_is_frozen_anew(copy: Path, nam
     assert load_evaluation(ROBOT, copy).digest != before
 
 
-def test_changed_suites_are_refused_until_they_are_frozen_anew(copy: Path) -> None:
+def test_changed_suites_are_refused_until_they_are_frozen_again(copy: Path) -> None:
     copy.write_text(copy.read_text().replace("[2.0, 3.0, 4.0, 5.0, 9.0]", "[2.0, 9.0]"))
     with pytest.raises(ConfigError, match=r"changed since it was frozen: evaluation\.yaml;"):
         load_evaluation(ROBOT, copy)
@@ -75,7 +75,7 @@ def test_to_freeze_what_is_frozen_changes_nothing(copy: Path) -> None:
     assert copy.read_text() == text
 
 
-def frozen_anew(path: Path) -> EvaluationSuites:
+def frozen_again(path: Path) -> EvaluationSuites:
     freeze(path)
     return load_evaluation(ROBOT, path)
 
@@ -93,7 +93,7 @@ def frozen_anew(path: Path) -> EvaluationSuites:
 def test_wrong_suites_are_one_line(copy: Path, old: str, new: str, reason: str) -> None:
     copy.write_text(copy.read_text().replace(old, new, 1))
     with pytest.raises(ConfigError) as caught:
-        frozen_anew(copy)
+        frozen_again(copy)
     assert reason in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -163,7 +163,7 @@ def test_the_fit_suite_moves_every_joint_at_the_stiffness_of_estimation_and_test
         assert run.experiment.stiffness == run.task_stiffness
 
 
-def test_a_share_of_a_suite_is_shorter(evaluation: EvaluationSuites) -> None:
+def test_a_fraction_of_a_suite_is_shorter(evaluation: EvaluationSuites) -> None:
     for suite in evaluation.names:
         whole, part = evaluation.runs(suite), evaluation.runs(suite, fraction=0.1)
         assert 0.05 < sum(r.seconds for r in part) / sum(r.seconds for r in whole) < 0.5

@@ -68,7 +68,7 @@ def test_an_unknown_name_lists_those_there_are(name: str, close: str) -> None:
 
 
 @pytest.mark.parametrize("old", [{"version": 1}, {"schema": 1}, {"version": 1, "schema": 2}])
-def test_an_old_form_is_told_in_one_line(tmp_path: Path, old: dict[str, int]) -> None:
+def test_an_old_form_is_reported_in_one_line(tmp_path: Path, old: dict[str, int]) -> None:
     data = {**experiment(STAND), **old}
     key = next(iter(old))
     # Whatever else is old in it is not the first thing to say.
@@ -116,7 +116,7 @@ def test_a_deep_file_is_refused_or_loaded(tmp_path: Path) -> None:
             assert " line 3: nested deeper than 100 levels" in refusal(tmp_path, text)
 
 
-# -- who feels ----------------------------------------------------------------------------------------------------
+# -- observers ----------------------------------------------------------------------------------------------------
 
 
 def test_steps_alone_have_no_observer(tmp_path: Path) -> None:
@@ -138,12 +138,12 @@ def test_steps_alone_have_no_observer(tmp_path: Path) -> None:
         experiment({"repeat": {"times": 2, "steps": [LISTEN]}}),
     ],
 )
-def test_what_has_to_do_with_touch_is_felt(tmp_path: Path, data: dict[str, Any]) -> None:
+def test_what_has_to_do_with_touch_gets_an_observer(tmp_path: Path, data: dict[str, Any]) -> None:
     observer = load_data(tmp_path, data).observer
     assert observer == ObserverChoice(mode="fusion", models=None)
 
 
-def test_without_an_observer_nobody_feels_anything(tmp_path: Path) -> None:
+def test_without_an_observer_nothing_is_detected(tmp_path: Path) -> None:
     until = {"repeat": {"times": 2, "until": {}, "steps": [STAND]}}
     for step, where in (
         (LISTEN, "steps.0.wait"),

@@ -27,7 +27,7 @@ sys.stdin.read()
 
 @contextmanager
 def other_process(folder: Path) -> Iterator[subprocess.Popen[str]]:
-    """A process that has the lock until it is told to end, or killed."""
+    """A process that has the lock until it is asked to end, or killed."""
     pipe, program = subprocess.PIPE, HOLD.format(folder=str(folder))
     with subprocess.Popen(
         [sys.executable, "-c", program], stdin=pipe, stdout=pipe, text=True
@@ -68,7 +68,7 @@ def test_a_lock_is_free_after_its_release(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_was_made_for_nothing_is_gone_with_its_lock(tmp_path: Path) -> None:
+def test_a_folder_that_was_made_for_nothing_is_removed_with_its_lock(tmp_path: Path) -> None:
     """As after a mistake that only the run itself finds out."""
     lock_folder(tmp_path / "a" / "b").release()
     assert list(tmp_path.iterdir()) == []

@@ -10,7 +10,7 @@ from pydantic import Field, WrapValidator
 from pydantic.dataclasses import dataclass
 
 from pepper_driver.config import ConfigError
-from pepper_driver.config.errors import LONGEST_SHOWN
+from pepper_driver.config.errors import MAX_SHOWN
 from pepper_driver.config.loading import STRICT, one_or_more, parse, parse_part
 from pepper_driver.config.mistakes import HIDDEN, as_written, keys_of
 from support.yaml_values import ANYTHING, JARGON
@@ -128,7 +128,9 @@ def test_a_mistake_in_words(data: dict[str, Any], message: str | None) -> None:
         ({"hands": [{"angle": 1, "x": 1}]}, "unknown key 'hands.0.x' (possible: angle, name)"),
     ],
 )  # fmt: skip
-def test_an_unknown_key_is_told_which_its_place_knows(data: dict[str, Any], message: str) -> None:
+def test_an_unknown_key_is_reported_with_the_possible_ones(
+    data: dict[str, Any], message: str
+) -> None:
     assert said(**data) == message
 
 
@@ -156,7 +158,7 @@ def test_an_unknown_key_is_said_first() -> None:
 
 def test_a_long_value_is_cut() -> None:
     message = said(count="x" * 10_000)
-    assert len(message) < 2 * LONGEST_SHOWN
+    assert len(message) < 2 * MAX_SHOWN
     assert message.endswith('x..."') or message.endswith("x...")
 
 

@@ -1,4 +1,4 @@
-"""Files of plants: mistakes are told with file, key and reason, and a plant is known by all that it is."""
+"""Files of plants: mistakes are reported with file, key and reason, and a plant is known by all that it is."""
 
 import math
 import re
@@ -114,8 +114,8 @@ def test_a_gap_is_compared_with_the_range_of_its_own_joint(tmp_path: Path) -> No
     for joint in ("KneePitch", "HipPitch"):
         bounds = ROBOT.joints[ROBOT.joint_index(joint)]
         half = (bounds.upper - bounds.lower) / 2
-        for share, fits in ((0.99, True), (1.01, False)):
-            path = variant(tmp_path, joints={joint: {"half_gap": share * half}})
+        for ratio, fits in ((0.99, True), (1.01, False)):
+            path = variant(tmp_path, joints={joint: {"half_gap": ratio * half}})
             if fits:
                 load_plant(path, ROBOT)
             else:

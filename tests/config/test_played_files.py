@@ -28,7 +28,7 @@ from support.experiment_files import (
 from support.yaml_values import dump
 
 
-def test_a_file_plays_the_steps_of_others_beside_it(tmp_path: Path) -> None:
+def test_a_file_plays_the_steps_of_others_in_its_folder(tmp_path: Path) -> None:
     """Names of files count from the one that names them, wherever the first one lies."""
     write(
         tmp_path / "parts", "twice.yaml", {"repeat": {"times": 2, "steps": [{"play": "turn.yaml"}]}}
@@ -54,7 +54,7 @@ def test_a_file_plays_the_steps_of_others_beside_it(tmp_path: Path) -> None:
     assert loaded.observer is None
 
 
-def test_a_played_file_is_felt_with_what_plays_it(tmp_path: Path) -> None:
+def test_a_played_file_gets_the_observer_of_what_plays_it(tmp_path: Path) -> None:
     write(tmp_path, "listen.yaml", LISTEN)
     play = {"play": "listen.yaml"}
     assert load_data(tmp_path, experiment(play)).observer == ObserverChoice()

@@ -20,7 +20,7 @@ from pepper_driver.config import (
 from pepper_driver.config.loading import package_file, read_yaml
 from pepper_driver.config.plant import plant_names
 from pepper_driver.config.population import (
-    MOST_DRAWS,
+    MAX_DRAWS,
     HeldOutDrawError,
     allow_test_draws,
     parse_draws,
@@ -80,7 +80,7 @@ def test_any_text_is_a_list_of_draws_or_one_line(text: str) -> None:
         assert str(error).startswith("draws: ")
         assert len(str(error).splitlines()) == 1
     else:
-        assert 0 < len(numbers) <= MOST_DRAWS
+        assert 0 < len(numbers) <= MAX_DRAWS
         assert len(set(numbers)) == len(numbers)
         assert min(numbers) >= 0
 
@@ -109,7 +109,7 @@ def test_a_wrong_list_of_draws_is_refused(text: str, message: str) -> None:
 
 
 @pytest.mark.parametrize("draw", [100, 119, 10**17])
-def test_draws_for_tests_are_refused_whoever_asks(tmp_path: Path, draw: int) -> None:
+def test_draws_for_tests_are_refused_for_every_caller(tmp_path: Path, draw: int) -> None:
     extending = save(tmp_path, {"name": "mine", "extends": "random"})
     for plant in ("random", extending):
         for ask in (

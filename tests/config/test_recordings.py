@@ -47,7 +47,7 @@ def test_the_shipped_holds_are_of_the_right_arm() -> None:
         ("median_deg: 0.50", "median_deg: -0.50", "median_deg"),
     ],
 )
-def test_a_wrong_file_is_told(tmp_path: Path, old: str, new: str, words: str) -> None:
+def test_a_wrong_file_is_reported(tmp_path: Path, old: str, new: str, words: str) -> None:
     text = package_file("recordings.yaml").read_text()
     assert old in text
     path = tmp_path / "recordings.yaml"

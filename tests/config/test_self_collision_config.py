@@ -77,8 +77,8 @@ def outside(points: FloatArray, capsules: tuple[Capsule, ...]) -> FloatArray:
     for capsule in capsules:
         start, end = np.array(capsule.start), np.array(capsule.end)
         along = end - start
-        share = np.clip((points - start) @ along / max(along @ along, 1e-12), 0, 1)
-        nearest = start + share[:, None] * along
+        fraction = np.clip((points - start) @ along / max(along @ along, 1e-12), 0, 1)
+        nearest = start + fraction[:, None] * along
         distances.append(np.linalg.norm(points - nearest, axis=1) - capsule.radius)
     least: FloatArray = np.min(distances, axis=0)
     return least

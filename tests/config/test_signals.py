@@ -61,8 +61,8 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Iterator[Clock]:
 
 
 @pytest.fixture
-def heard() -> Iterator[list[int]]:
-    """Signals as a handler of the user's own hears them: SIGTERM."""
+def received() -> Iterator[list[int]]:
+    """Signals as a handler of the user's own receives them: SIGTERM."""
     numbers: list[int] = []
     signal.signal(TERM, lambda number, _: numbers.append(number))
     yield numbers
@@ -121,13 +121,13 @@ def test_of_several_blocks_the_last_puts_back() -> None:
     second.__exit__(None, None, None)
 
 
-def test_what_is_ignored_or_handled_is_left_alone(heard: list[int]) -> None:
+def test_what_is_ignored_or_handled_is_left_alone(received: list[int]) -> None:
     signal.signal(HUP, signal.SIG_IGN)  # as by nohup
     with raised_signals() as changed:
         send(HUP)
         send(TERM)
     assert not changed
-    assert heard == [TERM]
+    assert received == [TERM]
     assert signal.getsignal(HUP) is signal.SIG_IGN
     signal.signal(HUP, signal.SIG_DFL)
 
@@ -201,7 +201,7 @@ def test_no_thread_is_left_where_the_last_block_ends_in_another_thread(clock: Cl
         send(TERM)
 
 
-def test_a_program_that_is_told_of_signals_goes_on_being_told() -> None:
+def test_a_program_that_is_woken_by_signals_goes_on_being_woken() -> None:
     reader, writer = socket.socketpair()
     with reader, writer:
         writer.setblocking(False)
@@ -215,7 +215,7 @@ def test_a_program_that_is_told_of_signals_goes_on_being_told() -> None:
 # -- deferred -------------------------------------------------------------------------------------------------------
 
 
-def test_signals_wait_for_the_end_of_the_outermost_block(heard: list[int]) -> None:
+def test_signals_wait_for_the_end_of_the_outermost_block(received: list[int]) -> None:
     done = []
     with interrupted(), deferred_signals():
         with deferred_signals():
@@ -224,9 +224,9 @@ def test_signals_wait_for_the_end_of_the_outermost_block(heard: list[int]) -> No
             send(INT)
             done.append("inner")
         done.append("outer")
-        assert not heard
+        assert not received
     assert done == ["inner", "outer"]
-    assert heard == [TERM], "another's exception takes it nothing"
+    assert received == [TERM], "another's exception takes it nothing"
 
 
 def test_a_signal_that_is_raised_waits_too() -> None:
@@ -278,12 +278,12 @@ def test_a_check_handles_what_waits_until_one_has_raised() -> None:
     assert done == ["begun", "cleaned up"]
 
 
-def test_a_check_calls_handlers_that_raise_nothing_each_time(heard: list[int]) -> None:
+def test_a_check_calls_handlers_that_raise_nothing_each_time(received: list[int]) -> None:
     with deferred_signals(checked=True):
         for count in (1, 2):
             send(TERM)
             check_signals()
-            assert len(heard) == count
+            assert len(received) == count
 
 
 def test_nothing_is_handled_any_more_once_an_end_has_begun() -> None:

@@ -159,7 +159,7 @@ def looser(draw: st.DrawFn, on: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-FELT = st.lists(
+TOUCHES = st.lists(
     st.builds(
         DetectedPush,
         begin=st.integers(0, 40),
@@ -171,10 +171,10 @@ FELT = st.lists(
         torque=st.sampled_from([0.5, 1.0, 3.0]),
     ),
     max_size=6,
-).map(lambda felt: sorted(felt, key=lambda touch: touch.begin))
+).map(lambda contacts: sorted(contacts, key=lambda touch: touch.begin))
 
 
-@given(data=st.data(), given_on=conditions(), touches=FELT)
+@given(data=st.data(), given_on=conditions(), touches=TOUCHES)
 def test_a_looser_trigger_is_set_off_first(
     data: st.DataObject, given_on: dict[str, Any], touches: list[DetectedPush]
 ) -> None:
@@ -183,7 +183,7 @@ def test_a_looser_trigger_is_set_off_first(
     assert first_time(loose, touches) <= first_time(on, touches)
 
 
-@given(one=conditions(), other=conditions(), touches=FELT)
+@given(one=conditions(), other=conditions(), touches=TOUCHES)
 def test_what_includes_another_is_never_set_off_later(
     one: dict[str, Any], other: dict[str, Any], touches: list[DetectedPush]
 ) -> None:

@@ -111,7 +111,7 @@ def test_other_programs_read_the_same(robot: RobotConfig) -> None:
         assert any(np.allclose(p, visual.transform_visual_to_link, atol=1e-6) for p in places)
 
 
-def test_physics_knows_nothing_of_it(robot: RobotConfig) -> None:
+def test_it_has_no_effect_on_physics(robot: RobotConfig) -> None:
     """MuJoCo's model is the same without it."""
     text = robot.urdf.read_text()
     bare = re.sub(r"<visual>.*?</visual>", "", text)
@@ -122,7 +122,7 @@ def test_physics_knows_nothing_of_it(robot: RobotConfig) -> None:
         assert np.array_equal(getattr(one, name), getattr(other, name))
 
 
-def test_the_identity_of_a_plant_knows_nothing_of_it(robot: RobotConfig, tmp_path: Path) -> None:
+def test_it_has_no_effect_on_the_identity_of_a_plant(robot: RobotConfig, tmp_path: Path) -> None:
     """Models stay valid when only the looks change, and not when a mass does."""
     plant = load_plant("nominal", robot)
     text = robot.urdf.read_text()

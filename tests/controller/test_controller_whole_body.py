@@ -32,7 +32,7 @@ def stack(references: list[Reference], field: str) -> FloatArray:
     return np.array([getattr(reference, field) for reference in references])
 
 
-def largest_difference(one: list[Reference], other: list[Reference], field: str) -> float:
+def max_difference(one: list[Reference], other: list[Reference], field: str) -> float:
     return float(np.abs(stack(one, field) - stack(other, field)).max())
 
 
@@ -124,8 +124,8 @@ def test_reset_to_nonsense_changes_nothing(position: FloatArray) -> None:
 def test_osqp_takes_the_same_path_as_daqp() -> None:
     exact = wander(controller("daqp"), TEN_SECONDS, seed=4)
     other = wander(controller("osqp"), TEN_SECONDS, seed=4)
-    assert largest_difference(exact, other, "position") < 1e-6
-    assert largest_difference(exact, other, "load_torque") < 1e-4
+    assert max_difference(exact, other, "position") < 1e-6
+    assert max_difference(exact, other, "load_torque") < 1e-4
 
 
 @pytest.mark.parametrize(("solver", "error"), [("daqp", 1e-9), ("osqp", 1e-6)])
@@ -135,7 +135,7 @@ def test_the_unit_of_the_weights_does_not_matter(solver: str, error: float, scal
     for task in scaled.tasks:
         task.weight *= scale
     one, other = wander(control, TEN_SECONDS, seed=5), wander(scaled, TEN_SECONDS, seed=5)
-    assert largest_difference(one, other, "position") < error
+    assert max_difference(one, other, "position") < error
 
 
 @pytest.mark.parametrize("weight", [0.1, 1e5])
@@ -143,7 +143,7 @@ def test_the_weight_of_the_base_does_not_soften_the_posture(weight: float) -> No
     control, other = controller(), controller()
     other.base_velocity.weight = weight
     one, two = wander(control, 500, seed=6), wander(other, 500, seed=6)
-    assert largest_difference(one, two, "position") < 2e-5
+    assert max_difference(one, two, "position") < 2e-5
 
 
 def test_unknown_solvers_are_refused() -> None:

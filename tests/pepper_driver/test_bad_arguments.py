@@ -1185,7 +1185,7 @@ def test_numbers_of_other_kinds_are_numbers(active: Pepper, accepted: Any) -> No
 
 def test_a_decorator_needs_no_brackets(active: Pepper) -> None:
     before = len(active.callback_statistics)
-    told: list[object] = []
+    reported: list[object] = []
     for register in (
         active.on_contact,
         active.on_tick,
@@ -1200,9 +1200,9 @@ def test_a_decorator_needs_no_brackets(active: Pepper) -> None:
     ):
 
         def callback(event: object) -> None:
-            told.append(event)
+            reported.append(event)
 
         assert untyped(register)(callback) is callback
     assert len(active.callback_statistics) == before + 10
     active.run(0.024)
-    assert len(told) == 2, "two ticks"
+    assert len(reported) == 2, "two ticks"

@@ -1,4 +1,4 @@
-"""A robot whose caller ticks: it comes to rest while nobody does; unpaced, time passes in ``run`` alone."""
+"""A robot whose caller ticks: it comes to rest while no ticks come; unpaced, time passes in ``run`` alone."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def test_tasks_stand_still_meanwhile_and_go_on() -> None:
         assert task.reached(0.005)
 
 
-def test_reflexes_and_faults_are_watched_on_and_told() -> None:
+def test_reflexes_and_faults_are_watched_on_and_reported() -> None:
     faults: list[FaultEvent] = []
     with stepped_time() as time:
         pepper = Pepper("mock", observer=None, real_time=True, loop="caller")
@@ -259,7 +259,7 @@ def test_without_pacing_nothing_happens_outside_run_and_step() -> None:
 
 
 def sent(drive: Callable[[Pepper], object]) -> bytes:
-    """All that a simulated robot that is touched is told, in one text."""
+    """All that a simulated robot that is touched reports, in one text."""
     kept: list[bytes] = []
     with Pepper("mujoco://?plant=integral&seed=3", reflexes=[Hold()]) as pepper:
         pepper.push("LBicep", [0.0, 25.0, 0.0], [0.16, 0.0, 0.0], 0.8, frame="link", delay=0.3)

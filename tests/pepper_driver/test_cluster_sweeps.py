@@ -47,16 +47,16 @@ def recordings(folder: Path) -> dict[str, bytes]:
 # -- options ----------------------------------------------------------------------------------------------------------
 
 
-NOBODY = ["--cluster", "tcp://127.0.0.1:1"]
+UNREACHABLE = ["--cluster", "tcp://127.0.0.1:1"]
 REFUSED = "no scheduler there (connection refused); start one"
 
 
 @pytest.mark.parametrize(
     ("command", "options", "said"),
     [
-        ("evaluate --suite paper", NOBODY, REFUSED),
-        ("calibrate", NOBODY, REFUSED),
-        ("identify --out x.json", NOBODY, REFUSED),
+        ("evaluate --suite paper", UNREACHABLE, REFUSED),
+        ("calibrate", UNREACHABLE, REFUSED),
+        ("identify --out x.json", UNREACHABLE, REFUSED),
         (
             "identify --out x.json",
             ["--cluster", "here", "--workers", "2"],

@@ -36,7 +36,7 @@ def alive(pid: int) -> bool:
         state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
     except (FileNotFoundError, ProcessLookupError):
         return False
-    return state != "Z"  # whoever should reap it is not ours
+    return state != "Z"  # the process that should reap it is not ours
 
 
 @contextmanager
@@ -108,8 +108,8 @@ def test_a_script_ends_in_order_wherever_it_is(
     with program("-c", SCRIPT, where, str(log), until="ready") as process:
         errors = end(process, number)
     assert process.returncode == code
-    wanted = said.format(log=log)
-    assert errors.endswith(wanted) if number == signal.SIGINT else errors == wanted, errors
+    expected = said.format(log=log)
+    assert errors.endswith(expected) if number == signal.SIGINT else errors == expected, errors
     assert read_log(log).complete
 
 
@@ -196,10 +196,10 @@ def test_workers_end_with_the_process_that_started_them(number: int, code: int) 
         assert len(workers) >= 2
         process.send_signal(number)
         assert process.wait(END_TIME) == code
-        gone = wait_until(lambda: not any(map(alive, workers)), END_TIME)
+        ended = wait_until(lambda: not any(map(alive, workers)), END_TIME)
         for pid in filter(alive, workers):
             os.kill(pid, signal.SIGKILL)
-        assert gone
+        assert ended
         _, errors = process.communicate()
     if number == signal.SIGTERM:
         assert not errors
@@ -241,7 +241,7 @@ from pepper_driver.config.signals import raised_signals
 from pepper_driver.config.workers import run_jobs
 
 number, where = int(sys.argv[1]), sys.argv[2]
-threading.Thread(target=threading.Event().wait, daemon=True).start()  # hears signals too, as that of a progress bar
+threading.Thread(target=threading.Event().wait, daemon=True).start()  # gets signals too, as that of a progress bar
 arrived, writer = os.pipe()
 os.set_blocking(writer, False)
 signal.set_wakeup_fd(writer)

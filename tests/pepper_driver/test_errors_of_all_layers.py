@@ -21,7 +21,7 @@ EXAMPLES: list[PepperError] = [
     NoQiError("another computer", possible=False),
     FaultError(Fault(reason=FaultReason.TEMPERATURE, text="a joint is on fire")),
     GainError("stiffness", -1.0),
-    LimitError("share", -1.0, "above 0"),
+    LimitError("fraction", -1.0, "above 0"),
     TargetError("no", joint="HeadYaw", value=9.0, lower=-1.0, upper=1.0),
     LogError("disk full"),
 ]

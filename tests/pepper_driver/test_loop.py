@@ -124,7 +124,7 @@ def test_the_reference_in_a_tick_is_the_one_its_command_was_made_from() -> None:
 
 
 def test_transport_is_no_error_of_a_closed_loop() -> None:
-    """The fake follows exactly, three ticks late: told which command was answered, feedback changes nothing."""
+    """The fake follows exactly, three ticks late: with the number of the answered command, feedback changes nothing."""
     trails: list[FloatArray] = []
     feedback: Literal["none", "joints"]
     for feedback in ("none", "joints"):
@@ -139,7 +139,7 @@ def test_transport_is_no_error_of_a_closed_loop() -> None:
 
 
 class Spy(Observer):
-    """Notes what it sees; reports the contacts it is told to."""
+    """Notes what it sees; reports the contacts that a test gives it."""
 
     def __init__(self) -> None:
         self.ticks: list[Tick] = []
@@ -166,7 +166,7 @@ class Spy(Observer):
 
 
 class Reach(Reflex):
-    """Wants another posture from its third tick on."""
+    """Requests another posture from its third tick on."""
 
     def __init__(self) -> None:
         self.calls = 0
@@ -174,10 +174,10 @@ class Reach(Reflex):
     def step(self, observation: Observation, measurement: Any, requests: ReflexRequests) -> None:
         self.calls += 1
         if self.calls == 3:
-            self.wanted = requests.controller.position
-            self.wanted[6] += 0.2
+            self.requested = requests.controller.position
+            self.requested[6] += 0.2
         if self.calls >= 3:
-            requests.hold_posture(self.wanted, 100.0)
+            requests.hold_posture(self.requested, 100.0)
 
     def reset(self) -> None:
         self.calls = 0
@@ -196,16 +196,16 @@ def test_a_reflex_acts_in_the_tick_it_is_called_in() -> None:
 class Creep(Reflex):
     """Moves its own posture on, in place."""
 
-    wanted: FloatArray | None = None
+    requested: FloatArray | None = None
 
     def step(self, observation: Observation, measurement: Any, requests: ReflexRequests) -> None:
-        if self.wanted is None:
-            self.wanted = requests.controller.position
-        self.wanted[6] += 0.002
-        requests.hold_posture(self.wanted, 5.0)
+        if self.requested is None:
+            self.requested = requests.controller.position
+        self.requested[6] += 0.002
+        requests.hold_posture(self.requested, 5.0)
 
     def reset(self) -> None:
-        self.wanted = None
+        self.requested = None
 
 
 def test_a_posture_that_a_reflex_changes_in_place_is_followed() -> None:
@@ -271,7 +271,7 @@ def test_the_controller_does_not_run_ahead_of_a_robot_that_the_gate_slows() -> N
 @pytest.mark.parametrize(
     ("fault", "word"), [(aged(0.15), "old"), (displaced("HeadPitch", np.nan), "not a number")]
 )
-def test_a_fault_stops_the_robot_and_is_told(fault: Any, word: str) -> None:
+def test_a_fault_stops_the_robot_and_is_reported(fault: Any, word: str) -> None:
     backend = MockBackend()
     loop, gate, _ = make_loop(backend)
     turn(loop, 0.5)
@@ -285,7 +285,7 @@ def test_a_fault_stops_the_robot_and_is_told(fault: Any, word: str) -> None:
 
 
 def stands_still(backend: MockBackend, loop: Loop, commands: int) -> None:
-    """After so many commands the robot was told to hold its joints and stop its wheels, and is told nothing else."""
+    """After so many commands one made the robot hold its joints and stop its wheels; no other came."""
     before, after = backend.commands[commands - 1], backend.commands[commands:]
     assert after
     for command in after:
@@ -426,7 +426,7 @@ def test_every_stage_is_timed() -> None:
     assert statistics.end is None
 
 
-def test_wheels_that_the_gate_slows_keep_the_direction_and_the_controller_knows() -> None:
+def test_wheels_that_the_gate_slows_keep_the_direction_and_the_controller_gets_them() -> None:
     """The gate's limit is below the controller's: what that integrates is what the wheels were sent."""
     backend = MockBackend(delay=0)
     slow = replace(ROBOT, wheels=replace(ROBOT.wheels, speed_limit=0.5))
@@ -437,10 +437,10 @@ def test_wheels_that_the_gate_slows_keep_the_direction_and_the_controller_knows(
         tick = loop.tick().tick
     sent = np.linalg.solve(ROBOT.wheels.matrix, tick.sent.wheel_speed)
     assert np.abs(tick.sent.wheel_speed).max() == pytest.approx(0.5)
-    wanted = tick.reference.base_twist
-    assert np.abs(ROBOT.wheels.matrix @ wanted).max() > 0.5
-    share = np.linalg.norm(sent) / np.linalg.norm(wanted)
-    np.testing.assert_allclose(sent, share * wanted, atol=1e-9)
+    requested = tick.reference.base_twist
+    assert np.abs(ROBOT.wheels.matrix @ requested).max() > 0.5
+    fraction = np.linalg.norm(sent) / np.linalg.norm(requested)
+    np.testing.assert_allclose(sent, fraction * requested, atol=1e-9)
     before = controller.base_pose
     loop.tick()
     moved = controller.base_pose - before

@@ -229,8 +229,8 @@ def test_an_interrupted_wait_leaves_the_robot_ticking(time: SteppedTime) -> None
 # -- faults ---------------------------------------------------------------------------------------------------------
 
 
-def gone(measurement: Measurement) -> Measurement:
-    raise NotConnectedError("the robot is gone")
+def disconnect(measurement: Measurement) -> Measurement:
+    raise NotConnectedError("the robot has left")
 
 
 class Quitting(Reflex):
@@ -251,7 +251,7 @@ def faulty(
     if kind == "gate":
         backend_of(pepper).faults[11] = aged(0.2)
     elif kind == "backend":
-        backend_of(pepper).faults[11] = gone
+        backend_of(pepper).faults[11] = disconnect
     if faults is not None:
         pepper.on_fault()(faults.append)
     return pepper, {"gate": FaultError, "backend": NotConnectedError, "reflex": SystemExit}[kind]
@@ -344,7 +344,7 @@ def test_a_fault_in_the_last_tick_of_a_run_is_raised_by_it(time: SteppedTime) ->
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_fault_that_nobody_saw_is_raised_in_the_end(kind: str, time: SteppedTime) -> None:
+def test_a_fault_that_no_caller_saw_is_raised_in_the_end(kind: str, time: SteppedTime) -> None:
     pepper, error = faulty(kind, time)
     with pytest.raises(error):
         inside(pepper, time.wait_for_sleeper, lambda: time.advance(0.24))

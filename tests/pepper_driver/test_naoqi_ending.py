@@ -27,7 +27,7 @@ pytestmark = pytest.mark.realtime
 ARMS = [
     ROBOT.joint_index(name) for chain in ("left_arm", "right_arm") for name in ROBOT.chains[chain]
 ]
-LARGEST_FALL = 0.2
+MAX_FALL = 0.2
 """Of a stiffness, from a cycle to the next, on a machine that leaves cycles out."""
 
 PROGRAM = """
@@ -83,7 +83,7 @@ def assert_let_go(box: BlackBox) -> None:
     stiffness = box.stiffness[:, ARMS]
     assert stiffness.max() > 0.1
     assert not stiffness[-1].any()
-    assert np.diff(stiffness, axis=0).min() > -LARGEST_FALL
+    assert np.diff(stiffness, axis=0).min() > -MAX_FALL
     assert np.abs(box.wheel_speed[-1]).max() <= STANDS
     assert not box.wheel_command[-1].any()
 

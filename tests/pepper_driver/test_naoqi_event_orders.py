@@ -21,7 +21,7 @@ from support.virtual_naoqi import VirtualNaoqi
 
 pytestmark = pytest.mark.usefixtures("qi")
 
-LARGEST_STEP = 0.02  # [rad] of a joint's command, from a cycle to the next
+MAX_STEP = 0.02  # [rad] of a joint's command, from a cycle to the next
 SPEED = 1.8 * 1.875 / 4.0  # [rad/s] of the arms in the middle of their motion, minimum jerk
 LEAD = 3  # [cycles] by which commands are sent ahead, at most
 FAULTS = (
@@ -61,7 +61,7 @@ def excess(box: BlackBox, chosen: BoolArray) -> FloatArray:
     taken = np.flatnonzero(np.diff(box.orders[chosen], prepend=box.orders[chosen][:1] - 1))
     cycles = np.arange(1, len(steps) + 1)
     before = taken[np.maximum(np.searchsorted(taken, cycles) - 2, 0)]
-    allowed = np.maximum(LARGEST_STEP, SPEED * (cycles - before + LEAD) * ROBOT.cycle)
+    allowed = np.maximum(MAX_STEP, SPEED * (cycles - before + LEAD) * ROBOT.cycle)
     return np.asarray(steps - allowed, dtype=np.float64)
 
 

@@ -25,12 +25,12 @@ from support.naoqi_faults import (
     begin_to_move,
     drive,
     drive_through,
-    largest_step,
+    max_step,
     move_arms,
 )
 from support.virtual_naoqi import VirtualNaoqi
 
-LARGEST_STEP = 0.02  # [rad] of a joint's command, from a cycle to the next
+MAX_STEP = 0.02  # [rad] of a joint's command, from a cycle to the next
 SAFETY = load_safety_settings()
 SETTINGS = load_naoqi_settings()
 pytestmark = pytest.mark.usefixtures("qi")
@@ -44,7 +44,7 @@ def robot() -> Iterator[VirtualNaoqi]:
         yield robot
 
 
-# -- nobody hears the robot, or it hears nobody ---------------------------------------------------------------------
+# -- a robot that sends nothing, or receives nothing -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -69,8 +69,8 @@ def test_wheels_stop_and_joints_hold(
     assert words in str(outcome.error)
     assert len(str(outcome.error).splitlines()) == 1
     assert_wheels_stop(outcome.box)
-    assert_joints_hold(outcome.box, outcome.ended, late=LARGEST_STEP if slow else 0.0)
-    assert largest_step(outcome.box) <= LARGEST_STEP
+    assert_joints_hold(outcome.box, outcome.ended, late=MAX_STEP if slow else 0.0)
+    assert max_step(outcome.box) <= MAX_STEP
     # A service that is asked to get back what it had may not answer.
     assert outcome.closed < 2 * SETTINGS.end_silence + 2 * SETTINGS.call_time
     if kind is FaultError:
@@ -91,14 +91,14 @@ def test_a_robot_that_goes_on_takes_at_most_two_commands(robot: VirtualNaoqi) ->
     assert outcome.closed < 2 * SETTINGS.end_silence + 2 * SETTINGS.call_time
     assert_wheels_stop(outcome.box)
     assert_joints_hold(outcome.box, outcome.ended)
-    orders, told = outcome.box.orders[-1], outcome.box.position_command[-1]
+    orders, commanded = outcome.box.orders[-1], outcome.box.position_command[-1]
     continues = robot.time.seconds()
     robot.clear_faults()
     robot.time.sleep(0.012 * 25)
     box = robot.since(continues)
     soon = box.begin < continues + 0.02  # before ALMotion's first own cycle has an effect
     assert box.orders[soon][-1] - orders <= 2
-    assert np.abs(box.position_command[soon] - told).max() <= LARGEST_STEP
+    assert np.abs(box.position_command[soon] - commanded).max() <= MAX_STEP
     assert not box.wheel_command[-1].any()
     assert np.abs(box.wheel_speed).max() <= STANDS
 
@@ -126,7 +126,7 @@ def test_what_is_borne_moves_on_without_a_jump(robot: VirtualNaoqi) -> None:
     for fault, outcome in zip(faults, borne, strict=False):
         assert outcome.error is None, fault
         assert np.median([age for _, age in outcome.ages]) < 0.03, fault
-        assert largest_step(outcome.box) <= LARGEST_STEP, fault
+        assert max_step(outcome.box) <= MAX_STEP, fault
         assert outcome.box.wheel_command[-25:].any(), fault
     # A bumper stops the base alone.
     assert bumped.error is None
@@ -137,8 +137,8 @@ def test_what_is_borne_moves_on_without_a_jump(robot: VirtualNaoqi) -> None:
     assert np.count_nonzero(turned > 1e-5) > 10
 
 
-def test_a_disconnected_joint_is_told_and_sinks(robot: VirtualNaoqi) -> None:
-    """The others go on until its command has left what it shows: at rest nobody could tell."""
+def test_a_disconnected_joint_is_reported_and_sinks(robot: VirtualNaoqi) -> None:
+    """The others go on until its command has left what it shows: at rest it would not show."""
     outcome = drive(robot, "disconnected:LShoulderPitch", 5.0)
     assert isinstance(outcome.error, FaultError)
     assert outcome.error.fault.reason is FaultReason.FROZEN_JOINT
@@ -163,7 +163,7 @@ def test_a_joint_without_values_is_named(robot: VirtualNaoqi) -> None:
 
 
 def test_a_robot_that_falls_asleep_stops_and_lets_its_arms_sink(robot: VirtualNaoqi) -> None:
-    """Nobody gives it stiffness again; nor does waking up make it go on where it was."""
+    """No program gives it stiffness again; nor does waking up make it go on where it was."""
     outcome = drive(robot, "asleep", 5.0, watch=1.2)  # wheels without power run out
     assert isinstance(outcome.error, FaultError)
     assert outcome.error.fault.reason is FaultReason.STIFFNESS
@@ -181,21 +181,21 @@ def test_a_robot_that_falls_asleep_stops_and_lets_its_arms_sink(robot: VirtualNa
 
 
 @pytest.mark.parametrize("mode", ["dcm", "angles"])
-def test_somebody_who_makes_an_arm_soft_stops_the_robot(
+def test_a_program_that_makes_an_arm_soft_stops_the_robot(
     robot: VirtualNaoqi, tmp_path: Path, mode: str
 ) -> None:
     """By the way of all faults: FAULT, the log and callbacks have it; the arm stays soft."""
-    log, told = tmp_path / "run.mcap", list[FaultEvent]()
+    log, reported = tmp_path / "run.mcap", list[FaultEvent]()
     pepper = robot.pepper(mode, log=log)
-    pepper.on_fault()(told.append)
+    pepper.on_fault()(reported.append)
     with pepper:
         pepper.run(0.5)
         robot.call("ALMotion", "setStiffnesses", "RArm", 0.0)
         with pytest.raises(FaultError, match="RShoulderPitch, RShoulderRoll, RElbowYaw and 3"):
             pepper.run(10.0)
-    assert [event.fault.reason for event in told] == [FaultReason.STIFFNESS]
+    assert [event.fault.reason for event in reported] == [FaultReason.STIFFNESS]
     (event,) = (event for event in read_log(log).events if event.kind == "fault")
-    assert (event.name, event.text) == ("stiffness", told[0].fault.text)
+    assert (event.name, event.text) == ("stiffness", reported[0].fault.text)
     logged = read_log(log)["stiffness"]
     arm = [ROBOT.joint_index(name) for name in ROBOT.chains["right_arm"]]
     assert not logged[-1, arm].any()
@@ -230,9 +230,9 @@ def test_another_program_that_commands_the_robot_stops_the_run(
     robot: VirtualNaoqi, tmp_path: Path, begin: Callable[[VirtualNaoqi], None], names: str
 ) -> None:
     """It is named by what it commands, in the error, the log and callbacks; our wheels and joints stand."""
-    log, told = tmp_path / "run.mcap", list[FaultEvent]()
+    log, reported = tmp_path / "run.mcap", list[FaultEvent]()
     pepper = robot.pepper(log=log)
-    pepper.on_fault()(told.append)
+    pepper.on_fault()(reported.append)
     with pepper:
         pepper.run(1.0)
         begin(robot)
@@ -240,9 +240,9 @@ def test_another_program_that_commands_the_robot_stops_the_run(
             pepper.run(10.0)
         robot.time.kill("other program")
         robot.call("ALMotion", "killAll")
-    assert [event.fault.reason for event in told] == [FaultReason.FOREIGN_COMMAND]
+    assert [event.fault.reason for event in reported] == [FaultReason.FOREIGN_COMMAND]
     (event,) = (event for event in read_log(log).events if event.kind == "fault")
-    assert (event.name, event.text) == ("foreign command", told[0].fault.text)
+    assert (event.name, event.text) == ("foreign command", reported[0].fault.text)
     robot.time.sleep(1.0)
     assert np.abs(robot.black_box(20).wheel_speed).max() <= 2 * STANDS
 
@@ -264,7 +264,7 @@ def test_the_clock_rolls_over_under_a_robot_that_moves() -> None:
     dates = box.date.astype(np.int64)
     assert (np.diff(dates) % 2**32 == 12 * np.diff(box.cycle)).all()
     assert dates[0] > 0 > dates[-1]
-    assert largest_step(box) <= LARGEST_STEP
+    assert max_step(box) <= MAX_STEP
     assert np.ptp(box.position_command[dates < 0], axis=0).max() > 0.02  # it moves on
 
 

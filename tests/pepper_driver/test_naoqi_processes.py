@@ -21,7 +21,7 @@ from support.naoqi_faults import (
     assert_joints_hold,
     assert_wheels_stop,
     drives,
-    largest_step,
+    max_step,
 )
 from support.processes import suspend
 from support.stand_ins import PATIENT, patient_driver, since, url
@@ -29,7 +29,7 @@ from support.waiting import PATIENCE, wait_until
 
 pytestmark = pytest.mark.realtime
 
-LARGEST_STEP = 0.02  # [rad] of a joint's command, from a cycle to the next
+MAX_STEP = 0.02  # [rad] of a joint's command, from a cycle to the next
 
 PROGRAM = """
 import os, sys
@@ -90,7 +90,7 @@ def test_a_program_that_stands_leaves_a_robot_that_stands(
         box = since(robot, ended - 0.5)
     assert_wheels_stop(box)
     assert_joints_hold(box, ended)
-    assert largest_step(box) <= LARGEST_STEP
+    assert max_step(box) <= MAX_STEP
     with patient_driver(), Pepper(url(robot), observer=None, safety=PATIENT) as pepper:
         pepper.run(0.1)
 

@@ -80,7 +80,7 @@ def test_a_users_plant_uses_the_nearest_models(tmp_path: Path) -> None:
     assert source(f"mujoco://?plant={renamed}") == "integral"
 
 
-def test_a_plant_that_extends_nothing_is_told_by_its_name(tmp_path: Path) -> None:
+def test_a_plant_that_extends_nothing_is_reported_by_its_name(tmp_path: Path) -> None:
     content = read_yaml(package_file("plants", "nominal.yaml"))
     path = save(tmp_path, **{**content, "name": "stranger", "base": "fixed"})
     with pytest.raises(ModelFileError) as caught:
@@ -94,7 +94,7 @@ def test_a_plant_that_extends_nothing_is_told_by_its_name(tmp_path: Path) -> Non
 def test_a_file_of_a_parent_serves_a_variant_and_no_other_robot(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Models of the worn robot serve what extends it, not what it extends, nor a robot beside it."""
+    """Models of the worn robot serve what extends it, not what it extends, nor a robot next to it."""
     path = tmp_path / "worn.json"
     models = ModelSet.load(shipped("fusion")["nominal"])
     replace(models, identity=make_backend("mujoco://?plant=worn").info.identity).save(path)

@@ -72,7 +72,7 @@ def started(pacer: Pacer) -> int:
 def test_the_first_tick_begins_at_once() -> None:
     clock = FakeClock()
     pacer = make_pacer(clock)
-    clock.work(40 * MS)  # whatever came between: nobody ticked yet
+    clock.work(40 * MS)  # whatever came between: no tick yet
     assert pacer.wait() == 0
     assert clock.slept == []
     assert started(pacer) == clock.now == 45 * MS
@@ -178,7 +178,7 @@ def following(clock: FakeClock, beat: float, drift: float = 0.0) -> RealTimePace
 
 
 @pytest.mark.parametrize("beat", [0.0, 1.0, 4.9, 5.1, 11.9])
-def test_the_first_tick_is_put_where_the_robots_cycle_wants_it(beat: float) -> None:
+def test_the_first_tick_is_put_where_the_robots_cycle_needs_it(beat: float) -> None:
     clock = FakeClock(start=5 * MS)
     pacer = following(clock, beat)
     for tick in range(20):
@@ -362,7 +362,7 @@ def test_requests_come_at_most_once_a_tick_and_before_it(
 
 
 def test_the_lead_may_change_from_tick_to_tick() -> None:
-    """It is measured anew with each connection; none until then."""
+    """It is measured again with each connection; none until then."""
     robot = Requested(FakeClock(0), lead_ms=0.0)
     robot.tick()
     robot.tick()
@@ -446,7 +446,7 @@ def test_all_is_put_back_whatever_happens(error: type[BaseException]) -> None:
         raise error
 
 
-def test_garbage_of_the_run_is_gone_afterwards() -> None:
+def test_garbage_of_the_run_is_collected_afterwards() -> None:
     class Loop:
         """Refers to itself."""
 

@@ -23,13 +23,13 @@ LIGHT = "mujoco://?plant=integral"
 
 
 def test_the_dozen_lines_of_the_readme() -> None:
-    """A push is felt by the right joint and link, in the right direction, and the callback hears of it."""
-    heard: list[Contact] = []
+    """A push is detected on the right joint and link, in the right direction, and the callback gets it."""
+    received: list[Contact] = []
     pepper = Pepper(LIGHT)
 
     @pepper.on_contact(link="LBicep")
     def touched(contact: Contact) -> None:
-        heard.append(contact)
+        received.append(contact)
 
     with pepper:
         pepper.set_posture({"LShoulderRoll": 0.6})
@@ -38,8 +38,8 @@ def test_the_dozen_lines_of_the_readme() -> None:
         pepper.run(2.0)
         truth = pepper.backend.plant.stiffness[pepper.config.joint_index("LShoulderRoll")]
 
-    assert len(heard) == 1
-    contact = heard[0]
+    assert len(received) == 1
+    contact = received[0]
     assert (contact.joint, contact.link, contact.direction) == ("LShoulderRoll", "LBicep", 1)
     assert contact.phase == "begin"
     assert 4.0 < contact.time < 4.6  # the ramp of the stiffness takes the first second
@@ -195,10 +195,10 @@ def test_emergency_stop_holds_and_stays() -> None:
 
 
 def test_it_can_be_entered_again() -> None:
-    heard: list[Contact] = []
+    received: list[Contact] = []
     reflex = Hold()
     pepper = Pepper(LIGHT, observer="paper", reflexes=[reflex])
-    pepper.on_contact()(heard.append)
+    pepper.on_contact()(received.append)
     for count in (1, 2):
         with pepper:
             assert pepper.contact_history == ()
@@ -207,7 +207,7 @@ def test_it_can_be_entered_again() -> None:
             pepper.push("LBicep", [0.0, 25.0, 0.0], [0.16, 0.0, 0.0], 0.8, frame="link")
             pepper.run(0.6)
             assert reflex.active
-        assert len(heard) == count
+        assert len(received) == count
         assert [contact.id for contact in pepper.contact_history if contact.phase == "begin"] == [1]
 
 
@@ -306,7 +306,7 @@ def test_a_robot_that_does_not_open_costs_no_earlier_log(tmp_path: Path) -> None
     assert path.read_bytes() == b"an earlier log"
 
 
-def test_a_log_begins_when_it_is_told_to(tmp_path: Path) -> None:
+def test_a_log_begins_when_it_is_requested(tmp_path: Path) -> None:
     first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
     with Pepper("mujoco", observer=None) as pepper:
         pepper.run(0.6)

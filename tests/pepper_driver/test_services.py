@@ -16,7 +16,7 @@ from support.experiments import STAND, make_run
 
 
 class Recorder(RobotServices):
-    """Keeps what it was told, and by which thread."""
+    """Keeps the calls it got, and their threads."""
 
     def __init__(self, backend: "Gifted") -> None:
         super().__init__("gifted")
@@ -83,9 +83,9 @@ def test_a_robot_without_extras_says_so_once(caplog: pytest.LogCaptureFixture) -
             pepper.services.go_to_posture("Stand")
             pepper.services.wake_up()
             pepper.services.rest()
-    told = [record.getMessage() for record in caplog.records]
-    assert len(told) == 5, told
-    assert all("'mujoco'" in text for text in told)
+    messages = [record.getMessage() for record in caplog.records]
+    assert len(messages) == 5, messages
+    assert all("'mujoco'" in text for text in messages)
 
 
 def test_services_connect_for_their_time(robot: tuple[Pepper, Gifted]) -> None:
@@ -115,7 +115,7 @@ def test_only_one_program_moves_the_robot(robot: tuple[Pepper, Gifted]) -> None:
     assert backend.services.done == [("rest",)]
 
 
-def test_a_connection_of_somebody_else_is_left_alone(robot: tuple[Pepper, Gifted]) -> None:
+def test_a_connection_of_another_user_is_left_alone(robot: tuple[Pepper, Gifted]) -> None:
     """The loop may be just about to start, in another thread."""
     pepper, backend = robot
     backend.open()

@@ -145,7 +145,7 @@ def test_a_fault_outlasts_the_session() -> None:
 
 
 class Stopped(Fragile):
-    """Somebody presses stop while the robot is getting stiff."""
+    """A person presses stop while the robot is getting stiff."""
 
     def __init__(self, calls: list[str], stop: Callable[[], None]) -> None:
         super().__init__(calls)
@@ -272,24 +272,24 @@ def test_a_run_in_real_time_leaves_the_process_as_it_was(loop_thread: bool) -> N
 @pytest.mark.parametrize("loop_thread", [True, False])
 def test_garbage_of_a_run_in_real_time_is_collected_meanwhile(loop_thread: bool) -> None:
     """A robot may be active for hours, and Python's own collector waits for the end."""
-    gone: list[int] = []
+    freed: list[int] = []
 
     class Circle:
         def __init__(self, number: int) -> None:
             self.number, self.me = number, self
 
         def __del__(self) -> None:
-            gone.append(self.number)
+            freed.append(self.number)
 
     time = SteppedTime()
     with time.flowing(), active(time=time, loop_thread=loop_thread) as session:
         for number in range(3):
             Circle(number)
             session.run(COLLECTION_PERIOD + 1)
-        assert gone[:2] == [0, 1]
+        assert freed[:2] == [0, 1]
 
 
-def test_a_slow_tick_is_missed_counted_and_told() -> None:
+def test_a_slow_tick_is_missed_counted_and_reported() -> None:
     """One tick of 100 ms costs eight."""
     time = SteppedTime()
 

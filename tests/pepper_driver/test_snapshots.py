@@ -26,7 +26,7 @@ from support.robots import make_pepper
 from support.sessions import ROBOT, Scripted, backend_of, in_thread, stepped_time
 
 
-class Telling(MockBackend):
+class Reporting(MockBackend):
     """Each measurement says in all its fields which one it is."""
 
     def read(self) -> Measurement:
@@ -68,7 +68,7 @@ def test_several_threads_read_what_belongs_together_and_never_go_back() -> None:
             reads[reader] += 1
 
     with stepped_time() as time, pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pepper_driver.robot.make_backend", lambda *_: Telling())
+        patch.setattr("pepper_driver.robot.make_backend", lambda *_: Reporting())
         pepper = Pepper("any", observer=Counting(), real_time=True)
         with pepper, time.flowing():
             readers = [in_thread(partial(read, number)) for number in range(len(reads))]

@@ -354,7 +354,7 @@ def test_a_stop_inside_a_tick_ends_a_run(where: str, mode: dict[str, Any], tmp_p
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_a_stop_at_any_moment_of_a_run_leaves_nobody_waiting(
+def test_a_stop_at_any_moment_of_a_run_leaves_no_caller_waiting(
     mode: dict[str, Any],
 ) -> None:
     """Between two lines of what a run does, another thread stops the robot, from the beginning to the end."""
@@ -457,12 +457,12 @@ def test_a_robot_that_fails_in_the_end_does_not_hide_the_error_under_way(
     class Failing(MockBackend):
         def read(self) -> Measurement:
             if fails == "read" and self._tick == 4:
-                raise NotConnectedError("gone in a tick")
+                raise NotConnectedError("lost in a tick")
             return super().read()
 
         def close(self) -> None:
             super().close()
-            raise BackendError("gone in the end")
+            raise BackendError("lost in the end")
 
     def work() -> None:
         with pepper:
@@ -474,10 +474,10 @@ def test_a_robot_that_fails_in_the_end_does_not_hide_the_error_under_way(
     pepper.backend = Failing()
     with pytest.raises(KeyError, match="the program's own") as caught:
         work()
-    assert caught.value.__notes__ == ["and in the end: gone in the end"]
+    assert caught.value.__notes__ == ["and in the end: lost in the end"]
     assert read_log(tmp_path / "run.mcap").complete
     pepper.start()
-    with pytest.raises(BackendError, match="gone in the end"):
+    with pytest.raises(BackendError, match="lost in the end"):
         pepper.stop()
 
 

@@ -1,4 +1,4 @@
-"""The hand of the facade: bounded by the moment that lifts a wheel, felt by the observer, scored as a contact."""
+"""The hand of the facade: bounded by the moment that lifts a wheel, detected by the observer, scored as a contact."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def test_downwards_it_is_as_strong_as_it_can() -> None:
         assert np.linalg.norm(hand.force) == pytest.approx(60.0, rel=0.01)
 
 
-def test_a_drag_of_the_arm_is_felt_there() -> None:
+def test_a_drag_of_the_arm_is_detected_there() -> None:
     with Pepper("mujoco") as pepper:
         pepper.set_posture({"LShoulderPitch": 0.6, "LElbowRoll": -0.9}, duration=2.0)
         pepper.run(2.5)

@@ -191,7 +191,7 @@ class Forgetting(MockBackend):
 
 
 FOUND: list[tuple[type[MockBackend], str]] = [
-    (Crossed, "test_each_joint_does_what_it_was_told"),
+    (Crossed, "test_each_joint_follows_its_command"),
     (Reusing, "test_a_measurement_is_never_changed_afterwards"),
     (Careless, "test_a_command_that_is_not_finite_is_refused"),
     (Careless, "test_what_is_no_command_is_refused_and_nothing_happens"),

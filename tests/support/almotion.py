@@ -1,4 +1,4 @@
-"""A robot without physics and without processes, for tests of ALMotion's writer: it is where the DCM tells it to be."""
+"""A robot without physics and without processes, for tests of ALMotion's writer: it is where the DCM commands it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -116,7 +116,7 @@ class IdealRobot:
 
 
 class Stage:
-    """ALMotion's writer with such a robot, and time that passes when told to, or while a caller waits."""
+    """ALMotion's writer with such a robot, and time that passes on request, or while a caller waits."""
 
     def __init__(
         self, *, posture: str = "Stand", clock: int = 5_000, consent: bool = False

@@ -33,7 +33,7 @@ JARGON = (
 )
 """What Python and its libraries say, and no user of a robot understands."""
 
-LONGEST = 600
+MAX_LENGTH = 600
 """[letters] Of a message. All names that are possible are in it where there are up to 25."""
 
 
@@ -41,7 +41,7 @@ def check_line(message: str) -> None:
     """Check that a message is one line without jargon or control characters."""
     assert message, "says nothing"
     assert message.isprintable(), repr(message)
-    assert len(message) <= LONGEST, message
+    assert len(message) <= MAX_LENGTH, message
     found = [word for word in JARGON if word in message]
     assert not found, message
 

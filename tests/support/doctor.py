@@ -48,14 +48,14 @@ class Patient(MockBackend):
 
     @property
     def moved(self) -> bool:
-        """True if it was made stiff, or told anything that could move it."""
+        """True if it was made stiff, or got any command that could move it."""
         return "activate" in self.calls or any(
             command.stiffness.any() or command.wheel_speed.any() for command in self.commands
         )
 
 
 def use(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
-    """Whatever the URI says, this is the robot; nobody waits for the time."""
+    """Whatever the URI says, this is the robot; no caller waits for the time."""
 
     def make(uri: str, robot: RobotConfig | None = None) -> Backend:
         return backend
@@ -67,7 +67,7 @@ def use(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
 
 
 def passing_clock(oversleep: float = 0.0) -> Clock:
-    """Return a clock by which no one waits: time passes when somebody sleeps, and some more [s]."""
+    """Return a clock by which no one waits: time passes when a thread sleeps, and some more [s]."""
     passed = [0.0]
 
     def sleep(seconds: float) -> None:

@@ -1,4 +1,4 @@
-"""Contacts, callbacks and a robot without physics that feels what a test wants."""
+"""Contacts, callbacks and a robot without physics that detects what a test requests."""
 
 import threading
 from typing import Any
@@ -51,7 +51,7 @@ class Blocker:
 
 
 class Scripted(Observer):
-    """Feels the contacts it was given, each in its tick, counted from 1."""
+    """Detects the contacts it was given, each in its tick, counted from 1."""
 
     def __init__(self) -> None:
         self.at: dict[int, tuple[Contact, ...]] = {}
@@ -81,7 +81,7 @@ def make_pepper(
     reflexes: tuple[Reflex, ...] = (),
     real_time: bool = False,
 ) -> Pepper:
-    """A robot without physics. ``at``: what it feels in which tick; ``faults``: what happens to its measurements."""
+    """A robot without physics. ``at``: what it detects in which tick; ``faults``: what happens to its measurements."""
     observer = Scripted()
     observer.at = at or {}
     pepper = Pepper("mock", observer=observer, reflexes=reflexes, real_time=real_time)

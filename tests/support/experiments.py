@@ -38,7 +38,7 @@ STAND: dict[str, Any] = {"name": "stand", "posture": "Stand", "duration": 0.1}
 TURN: dict[str, Any] = {"name": "turn", "joints": {"HeadYaw": 0.2}, "duration": 0.5}
 
 Script = Mapping[int, tuple[Contact, ...]]
-"""What is felt in which tick, counted from 1; an experiment begins with the first."""
+"""Contacts by tick, counted from 1; an experiment begins with the first."""
 
 
 def make_experiment(*steps: dict[str, Any], **more: Any) -> Experiment:
@@ -71,7 +71,7 @@ def write(folder: Path, *steps: dict[str, Any], file: str = "mine", **more: Any)
 def fake(
     monkeypatch: pytest.MonkeyPatch, backend: MockBackend | None = None
 ) -> tuple[MockBackend, Scripted]:
-    """A robot without physics, and what it feels, in place of all others."""
+    """A robot without physics, and the contacts it detects, in place of all others."""
     backend, observer = backend or MockBackend(), Scripted()
     monkeypatch.setattr("pepper_driver.robot.make_backend", lambda *_: backend)
     monkeypatch.setattr("pepper_driver.robot.make_observer", lambda *_: observer)
@@ -86,14 +86,14 @@ def make_run(
     backend: MockBackend | None = None,
     **more: Any,
 ) -> ExperimentRun:
-    """An experiment in a file, whose robot feels what it is told to."""
+    """An experiment in a file, whose robot detects what a test requests."""
     _, observer = fake(monkeypatch, backend)
     observer.at = dict(at or {})
     return ExperimentRun(load_experiment(write(folder, *steps, **more), ROBOT))
 
 
 class Played:
-    """An experiment that was played by a robot that feels what it is told to, in the robot's time.
+    """An experiment that was played by a robot that detects what a test requests, in the robot's time.
 
     Attributes:
         report: What came of it; None where an error broke it off.

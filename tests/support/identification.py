@@ -59,7 +59,7 @@ def recorded_elbows(request: pytest.FixtureRequest) -> Path:
 
 
 class SlowRobot(MockBackend):
-    """Claims to be a real robot; its joints are where they were told to be three cycles ago."""
+    """Claims to be a real robot; its joints are where they were commanded three cycles ago."""
 
     identity = "body 1"
 
@@ -72,7 +72,7 @@ class SlowRobot(MockBackend):
 
 
 class InterruptedRobot(SlowRobot):
-    """The same; somebody presses Ctrl-C in the middle of a run."""
+    """The same; a person presses Ctrl-C in the middle of a run."""
 
     def read(self) -> Measurement:
         if len(self.commands) == 250:
@@ -83,7 +83,7 @@ class InterruptedRobot(SlowRobot):
 def use_backends(monkeypatch: pytest.MonkeyPatch, *kinds: type[MockBackend]) -> list[MockBackend]:
     """Whatever the URI says, robots are of these kinds: the first for what is known, then one for each run.
 
-    Those that run let time pass only with their ticks, so that nobody waits.
+    Those that run let time pass only with their ticks, so that no test waits.
 
     Returns:
         The robots that were made, in order.

@@ -133,7 +133,7 @@ class Samples:
         return tuple(self.random.normal(size=count).tolist())
 
     def contact(self, number: int) -> Contact:
-        """Contact ``number``, felt by a random joint or by none."""
+        """Contact ``number``, detected by a random joint or by none."""
         random = self.random
         joint = None if number % 3 == 0 else ROBOT.joint_names[random.integers(N)]
         known = number % 2 == 0

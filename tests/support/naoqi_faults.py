@@ -119,7 +119,7 @@ def assert_drives(box: BlackBox) -> None:
 
 
 def assert_wheels_stop(box: BlackBox) -> None:
-    """With nobody's help: 150 ms after the last order for wheels that was taken, all wheels of the plant stand."""
+    """Without help: 150 ms after the last order for wheels that was taken, all wheels of the plant stand."""
     # Cycles may have been left out since.
     ordered = int(np.searchsorted(box.begin, box.wheel_order[-1]))
     after = slice(ordered + math.ceil(DEAD_MAN / ROBOT.cycle), None)
@@ -133,7 +133,7 @@ def assert_wheels_stop(box: BlackBox) -> None:
 def assert_joints_hold(
     box: BlackBox, since: float, *, but: Sequence[str] = (), late: float = 0.0
 ) -> None:
-    """From a tenth of a second after a moment on they stay where they were told to be; the stiffness too.
+    """From a tenth of a second after a moment on they stay where they were commanded; the stiffness too.
 
     Commands that come ``late`` may change that by so much [rad].
     """
@@ -144,7 +144,7 @@ def assert_joints_hold(
     assert np.ptp(box.stiffness[held][:, chosen], axis=0).max() == 0.0
 
 
-def largest_step(box: BlackBox) -> float:
+def max_step(box: BlackBox) -> float:
     """Largest step of the joints' commands from a cycle to the next [rad]; cycles left out count as one each."""
     steps = np.abs(np.diff(box.position_command, axis=0)).max(axis=1) / np.diff(box.cycle)
     return float(steps.max())

@@ -26,7 +26,7 @@ def contact(
 
 
 class Scripted(Observer):
-    """Feels what it is told to, at times [s]; each once."""
+    """Detects what a test requests, at times [s]; each once."""
 
     def __init__(self, script: dict[float, Contact] | None = None) -> None:
         self._script = dict(script or {})
@@ -75,5 +75,5 @@ class Holder(Reflex):
 
 
 def make_pepper(reflex: Reflex, script: dict[float, Contact] | None = None) -> Pepper:
-    """A Pepper whose joints are where they are sent, and which feels what it is told to."""
+    """A Pepper whose joints are where they are sent, and which detects what a test requests."""
     return Pepper("mock", observer=Scripted(script), reflexes=[reflex])

@@ -80,7 +80,7 @@ class SteppedTime:
 
     @contextmanager
     def flowing(self) -> Iterator[None]:
-        """Let nobody wait inside this block: time passes as fast as threads sleep."""
+        """Let no thread wait inside this block: time passes as fast as threads sleep."""
         with self._changed:
             self._flowing += 1
             self._changed.notify_all()
@@ -110,7 +110,7 @@ class SteppedTime:
 
 
 class Scripted(Observer):
-    """Feels what it is told to, in ticks; counts them from the start of each run."""
+    """Detects what a test requests, in ticks; counts them from the start of each run."""
 
     def __init__(self, script: dict[int, tuple[Contact, ...]] | None = None) -> None:
         self.script = script or {}

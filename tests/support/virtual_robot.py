@@ -44,8 +44,8 @@ def wire(seed: int = 0, jitter: float = 0.3) -> Network:
 def wifi(seed: int = 0, *, stalls: bool = True) -> Network:
     """As the stand-in's network of this name."""
     rng = np.random.default_rng(seed)
-    share = 0.003 if stalls else 0.0
-    return lambda _: 1.5 + float(rng.exponential(1.0)) + 60.0 * (rng.random() < share)
+    fraction = 0.003 if stalls else 0.0
+    return lambda _: 1.5 + float(rng.exponential(1.0)) + 60.0 * (rng.random() < fraction)
 
 
 class Future:
@@ -92,7 +92,7 @@ class VirtualRobot:
     Args:
         network: Time a message takes.
         date: DCM time at the start [ms].
-        drift: By which share the DCM's clock is faster.
+        drift: By which fraction the DCM's clock is faster.
         phase: When after the start the first cycle begins [ms].
         delay: Cycles from the date of a command to the sample that shows it.
         publication: Time from a cycle until its values can be asked for [ms].
@@ -103,7 +103,7 @@ class VirtualRobot:
         taken: How many commands it has taken.
         asked: (time [ms], method) of all that it was asked.
         unanswered: Questions and commands on their way now, by method.
-        wanted: (17,) angles that ALMotion wants; of a joint in ``limp`` where it is measured.
+        almotion_target: (17,) target angles of ALMotion; of a joint in ``limp`` where it is measured.
         drives: Whether ALMotion drives.
         refuses: Why it refuses a command for an alias; empty when it takes it.
         spoil: Changes what the robot answers to a question for its values.
@@ -126,7 +126,7 @@ class VirtualRobot:
         self._publication = publication
         self.asked: list[tuple[float, str]] = []
         self.unanswered: Counter[str] = Counter()
-        self.wanted, self.limp, self.drives = ROBOT.posture("Stand"), set[int](), False
+        self.almotion_target, self.limp, self.drives = ROBOT.posture("Stand"), set[int](), False
         self.time, self._origin = HERE, date
         self._keys = actuator_keys(ROBOT)
         everything = [key for keys in self._keys.values() for key in keys]
@@ -294,14 +294,14 @@ class VirtualRobot:
         assert names == list(ROBOT.joint_names)
         assert not sensors
 
-        def wanted() -> list[float]:
+        def almotion_target() -> list[float]:
             measured = self._position(before=2)  # it looks 50 times a second
             return [
-                float((measured if joint in self.limp else self.wanted)[joint])
+                float((measured if joint in self.limp else self.almotion_target)[joint])
                 for joint in range(17)
             ]
 
-        return self._ask("getAngles", wanted)
+        return self._ask("getAngles", almotion_target)
 
     def moveIsActive(self, *, _async: bool) -> Future:
         return self._ask("moveIsActive", lambda: self.drives)

@@ -49,7 +49,7 @@ class Flag:
         self.is_set = False
 
     def set(self) -> None:
-        """Wake up whoever waits."""
+        """Wake up all that wait."""
         self.is_set = True
         for timeout, thread in self._waiting:
             timeout.cancel()
@@ -57,7 +57,7 @@ class Flag:
         self._waiting.clear()
 
     def clear(self) -> None:
-        """Have whoever comes wait again."""
+        """Have threads that come wait again."""
         self.is_set = False
 
     def wait(self, seconds: float) -> bool:

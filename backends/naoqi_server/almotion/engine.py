@@ -196,7 +196,7 @@ class AlmotionReflexes:
 
 logger = logging.getLogger(__name__)
 
-LONGEST_STEP = 0.1
+MAX_STEP = 0.1
 """[s] by which motions advance at most in a cycle: a process that was stopped continues where it was."""
 
 SMART_STIFFNESS_DELAY = 0.5
@@ -292,7 +292,7 @@ class MotionEngine:
         """
         # Near the last one, so that a roll-over of the robot's clock has no consequence.
         date = unwrapped(self._robot.time(), self._date)
-        dt = min((date - self._date) / 1000, LONGEST_STEP)
+        dt = min((date - self._date) / 1000, MAX_STEP)
         # Speeds are differences divided by this time.
         if dt <= 0:
             return

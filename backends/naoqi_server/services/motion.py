@@ -92,9 +92,11 @@ class JointCalls(MotionCalls):
         where = "ALMotion::setAngles"
         joints = self._motion.body.joints(names, where)
         goals = numbers(angles, len(joints), where, "angles")
-        shares = [_fraction(s, where) for s in numbers(fraction, len(joints), where, "fractions")]
+        fractions = [
+            _fraction(s, where) for s in numbers(fraction, len(joints), where, "fractions")
+        ]
         with self._motion.lock:
-            for joint, goal, fraction in zip(joints, goals, shares, strict=True):
+            for joint, goal, fraction in zip(joints, goals, fractions, strict=True):
                 self._motion.joints.set_target(joint, goal, fraction)
 
     def changeAngles(self, names: object, changes: object, fraction: object) -> None:
@@ -198,7 +200,7 @@ class StiffnessCalls(MotionCalls):
         """Stiffnesses of joints, 0..1; does not wait. The leg's cannot be set so on Pepper."""
         where = "ALMotion::setStiffnesses"
         joints = self._motion.body.joints(names, where)
-        values = _shares(numbers(stiffnesses, len(joints), where, "stiffnesses"), where)
+        values = _stiffnesses(numbers(stiffnesses, len(joints), where, "stiffnesses"), where)
         allowed = self._allowed(joints, where)
         with self._motion.lock:
             for joint, value in zip(joints, values, strict=True):
@@ -223,7 +225,7 @@ class StiffnessCalls(MotionCalls):
                 raise CallError(
                     where, f"{len(row)} stiffnesses and {len(date)} times for one joint"
                 )
-            _shares(row, where)
+            _stiffnesses(row, where)
         points = {
             joint: [Point(time=time, value=value) for time, value in zip(date, row, strict=True)]
             for joint, date, row in zip(joints, dates, rows, strict=True)
@@ -249,7 +251,7 @@ class StiffnessCalls(MotionCalls):
         return allowed
 
 
-def _shares(values: list[float], where: str) -> list[float]:
+def _stiffnesses(values: list[float], where: str) -> list[float]:
     for value in values:
         if not 0 <= value <= 1:
             raise CallError(where, f"a stiffness must be in 0 to 1: {value}")

@@ -163,8 +163,8 @@ class BaseCalls(MotionCalls):
 
     def _stop_at_obstacles(self) -> None:
         with self._motion.lock:
-            wanted = self._motion.base.active
-        if wanted and self._obstacle():
+            active = self._motion.base.active
+        if active and self._obstacle():
             with self._motion.lock:
                 self._motion.base.stop(at_once=True)
             self._memory.raise_event("ALMotion/MoveFailed", ["Safety", 1, [0.0, 0.0, 0.0]])

@@ -123,7 +123,7 @@ class PinocchioBackend(Serial, Backend):
 
     @serial
     def open(self) -> Measurement:
-        """Stand in the first posture; time begins anew."""
+        """Stand in the first posture; time begins again."""
         if self._state != "closed":
             raise BackendError(f"'{self.uri}' is already open")
         self._state, self._tick = "open", 0
@@ -153,7 +153,7 @@ class PinocchioBackend(Serial, Backend):
         position, stiffness, _ = checked_command(command, len(self._start))
         if self._state == "active":
             self._goal = np.clip(self._sorted(position), self._lower, self._upper)
-            self._share = np.clip(self._sorted(stiffness), 0.0, 1.0)
+            self._stiffness_fraction = np.clip(self._sorted(stiffness), 0.0, 1.0)
 
     @serial
     def read(self) -> Measurement:
@@ -182,7 +182,7 @@ class PinocchioBackend(Serial, Backend):
     def _hold(self) -> None:
         """Brake all joints here: without torque the robot would fall onto its knees as soon as it is open."""
         self._goal = self._target = np.clip(self.q, self._lower, self._upper)
-        self._share = np.ones(len(self.q))
+        self._stiffness_fraction = np.ones(len(self.q))
 
     def _check_open(self) -> None:
         if self._state == "closed":
@@ -204,7 +204,7 @@ class PinocchioBackend(Serial, Backend):
     def _step(self, dt: float, external: Array) -> None:
         """One step, implicit in the new speed: (M + dt D + dt^2 K) v+ = M v + dt (K (target - q) - h + external)."""
         model, data, q, v = self._model, self._data, self.q, self.v
-        mass, limit = pin.crba(model, data, q), self._limit * self._share
+        mass, limit = pin.crba(model, data, q), self._limit * self._stiffness_fraction
         rest = mass @ v + dt * (external - pin.nonLinearEffects(model, data, q, v))
         rubbing = self._friction / (np.abs(v) + FRICTION_SPEED)
         free, given = np.ones(len(q)), np.zeros(len(q))

@@ -1,4 +1,4 @@
-"""The second simulator: the conformance suite, its physics, and a robot that feels on it."""
+"""The second simulator: the conformance suite, its physics, and a robot that detects contacts on it."""
 
 import numpy as np
 

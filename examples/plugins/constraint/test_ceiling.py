@@ -1,4 +1,4 @@
-"""The constraint on a robot whose hand is told to go through it."""
+"""The constraint on a robot whose hand is sent through it."""
 
 import pytest
 from ceiling import Ceiling

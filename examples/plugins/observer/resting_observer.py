@@ -18,14 +18,14 @@ BASELINE_TIME = 1.0  # [s] in which the error at rest is learned, and relearned
 
 
 class RestingObserver(Observer):
-    """Detects contacts on joints that are told to stand still; while the reference moves, they are blind.
+    """Detects contacts on joints whose command is to stand still; while the reference moves, they are blind.
 
     Args:
         robot: Its description.
     """
 
     def __init__(self, robot: RobotConfig) -> None:
-        self._robot, self._share = robot, robot.cycle / BASELINE_TIME
+        self._robot, self._gain = robot, robot.cycle / BASELINE_TIME
         self.reset()
 
     def reset(self) -> None:
@@ -39,15 +39,15 @@ class RestingObserver(Observer):
     def step(self, tick: Tick) -> Observation:
         """Compare each joint's error with what it was; bounded time, never raises for bad values."""
         moving = np.abs(tick.reference.velocity) > 1e-3
-        error = tick.sent.position - tick.measurement.position  # [rad], as sent, not as wanted
+        error = tick.sent.position - tick.measurement.position  # [rad], as sent, not as requested
         self._expected[moving] = np.nan
         new = np.isnan(self._expected) & ~moving & np.isfinite(error)
         self._expected[new] = error[new]
         residual = error - self._expected
         with np.errstate(invalid="ignore"):
             touched = np.abs(residual) > THRESHOLD
-        calm = ~touched & np.isfinite(residual)
-        self._expected[calm] += self._share * residual[calm]
+        quiet = ~touched & np.isfinite(residual)
+        self._expected[quiet] += self._gain * residual[quiet]
         events = [self._judge(i, touched[i], residual[i], tick) for i in range(len(error))]
         state = np.where(np.isnan(residual), JointState.BLIND, JointState.FREE).astype(np.int8)
         state[[contact is not None for contact in self._contacts]] = JointState.CONTACT

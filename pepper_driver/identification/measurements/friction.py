@@ -205,11 +205,11 @@ def _fit_weight(
 
     spread = max(float(np.percentile(torque, 75)), 1e-3)
     best = None
-    for share in (0.1, 0.4, 0.8):
+    for fraction in (0.1, 0.4, 0.8):
         for added_scale in (1.0, 2.0, 3.0):
             end = least_squares(
                 misfit,
-                (share * spread, 0.0, added_scale, added_scale),
+                (fraction * spread, 0.0, added_scale, added_scale),
                 bounds=((0.0, -np.inf, 0.0, 0.2), (np.inf, np.inf, 8.0, 8.0)),
                 loss="soft_l1",
                 f_scale=0.05 * spread,
@@ -255,11 +255,11 @@ def _fit(
     spread = max(float(np.percentile(torque, 75)), 1e-3)
     best = None
     # The size of a sum has several minima: without friction, without a constant, and between.
-    for share in (0.1, 0.4, 0.8):
+    for fraction in (0.1, 0.4, 0.8):
         for constant in (-0.5, 0.0, 0.5):
             end = least_squares(
                 misfit,
-                (share * spread, constant * spread, 1.5),
+                (fraction * spread, constant * spread, 1.5),
                 bounds=((0.0, -np.inf, 0.2 if scaled else 1.0), (np.inf, np.inf, 8.0)),
                 loss="soft_l1",
                 f_scale=0.05 * spread,

@@ -50,7 +50,7 @@ def held_weight(mass: float, hand: Hand) -> HeldWeight:
     """Return a weight [kg] that hangs from the middle of a hand.
 
     Raises:
-        ConfigError: No hand carries it safely, or it is too light to be felt.
+        ConfigError: No hand carries it safely, or it is too light to be detected.
     """
     if not MIN_WEIGHT <= mass <= MAX_WEIGHT:
         raise ConfigError(

@@ -94,7 +94,7 @@ class AbilityTests(BackendSuite):
                 backend.push("LForeArm", **arguments)  # type: ignore[arg-type]
         run(backend, hold(first), 0.05)
 
-    def test_a_push_is_felt(self, backend: Backend) -> None:
+    def test_a_push_moves_joint_and_current(self, backend: Backend) -> None:
         backend.open()
         if "push" not in backend.info.capabilities or not self.follows:
             pytest.skip("it cannot be pushed")

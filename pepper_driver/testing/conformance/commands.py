@@ -78,7 +78,7 @@ class CommandTests(BackendSuite):
         assert fastest < 1.2 * ROBOT.wheels.speed_limit
         assert fastest > 1.0 or not self.drives
 
-    def test_each_joint_does_what_it_was_told(self, backend: Backend) -> None:
+    def test_each_joint_follows_its_command(self, backend: Backend) -> None:
         """Joints that move together in five motions, each joint in others than any other: none can be mistaken."""
         if not self.follows:
             pytest.skip("it moves as it did then")
@@ -108,7 +108,7 @@ class CommandTests(BackendSuite):
         if "truth" in backend.info.capabilities:
             np.testing.assert_allclose(backend.truth.base, 0.0, atol=1e-3)
 
-    def test_each_wheel_does_what_it_was_told(self, backend: Backend) -> None:
+    def test_each_wheel_follows_its_command(self, backend: Backend) -> None:
         if not self.drives:
             pytest.skip("its wheels take no commands")
         backend.open()

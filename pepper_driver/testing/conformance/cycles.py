@@ -100,7 +100,7 @@ class CycleTests(BackendSuite):
         assert trail(self, with_mistakes) == trail(self, going_on)
 
     def test_a_command_that_is_changed_afterwards_is_as_it_was_written(self) -> None:
-        def filling_anew(backend: Backend, held: Command) -> Iterator[Measurement]:
+        def filling_again(backend: Backend, held: Command) -> Iterator[Measurement]:
             filled = hold(backend.read())
             for tick in range(25):
                 new = turned(held, tick)
@@ -115,7 +115,7 @@ class CycleTests(BackendSuite):
             backend.read()
             yield from writing_and_reading(backend, held)
 
-        assert trail(self, filling_anew) == trail(self, plainly)
+        assert trail(self, filling_again) == trail(self, plainly)
 
     def test_requests_change_nothing_in_a_simulation(self) -> None:
         def requesting(backend: Backend, held: Command) -> Iterator[Measurement]:
@@ -145,9 +145,7 @@ class CycleTests(BackendSuite):
         assert last.position[HEAD] == pytest.approx(goal[HEAD], abs=0.06), "written once, read on"
         assert np.abs(last.position - goal).max() < 0.08
 
-    def test_wheels_stand_where_nobody_writes_and_go_on_where_somebody_does(
-        self, backend: Backend
-    ) -> None:
+    def test_wheels_stand_without_commands_and_go_on_with_them(self, backend: Backend) -> None:
         if not self.drives:
             pytest.skip("its wheels take no commands")
         backend.open()
@@ -173,16 +171,16 @@ class CycleTests(BackendSuite):
         if not self.follows:
             pytest.skip("it moves as it did then")
         first = backend.open()
-        astray = hold(first)
-        astray.position[HEAD] += 0.5
-        astray.wheel_speed[:] = 2.0
+        displaced = hold(first)
+        displaced.position[HEAD] += 0.5
+        displaced.wheel_speed[:] = 2.0
         for active in (False, True, False):
             if active:
-                backend.write(astray)
+                backend.write(displaced)
                 first = backend.activate()
             else:
                 backend.deactivate()
-                backend.write(astray)
+                backend.write(displaced)
             for sample in watch(backend, 0.4):
                 assert abs(sample.position[HEAD] - first.position[HEAD]) < 0.03
                 np.testing.assert_allclose(sample.wheel_speed, 0.0, atol=STILL)

@@ -81,10 +81,10 @@ def test_the_derivative_acts_on_a_ramp() -> None:
 
 def test_the_board_sees_the_joint_in_counts_of_its_encoder() -> None:
     count = 2 * np.pi / 2**PLANT.board.encoder_bits
-    for share, seen in ((0.4, 0.0), (0.6, 1.0)):
+    for ratio, seen in ((0.4, 0.0), (0.6, 1.0)):
         boards = boards_of()
         for _ in range(LONG):
-            voltage = boards.update(ZERO, np.full(N, (7 + share) * count), ZERO)
+            voltage = boards.update(ZERO, np.full(N, (7 + ratio) * count), ZERO)
         np.testing.assert_allclose(voltage, -KP * (7 + seen) * count, rtol=1e-9)
 
 
@@ -124,7 +124,7 @@ def test_without_stiffness_the_motor_is_free() -> None:
     assert boards.saturated.all()
 
 
-def test_saturation_is_told_until_the_next_cycle() -> None:
+def test_saturation_is_reported_until_the_next_cycle() -> None:
     boards = boards_of()
     update(boards, 3.0)
     assert boards.saturated.all()
@@ -207,12 +207,12 @@ def test_nothing_is_remembered_over_a_reset() -> None:
 def test_the_dead_band_is_silent_inside_and_continuous_at_its_edge() -> None:
     band = 0.25 * small()
     for ki in (0.0, 30.0):
-        for share, seen in ((0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (1.001, 0.001), (2.0, 1.0)):
+        for ratio, seen in ((0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (1.001, 0.001), (2.0, 1.0)):
             for sign in (1, -1):
                 plant = plain(ki=ki, dead_band=0.001)
                 boards = boards_of(plant)
                 boards.boards["dead_band"] = band
-                voltage = update(boards, sign * share * band, count=LONG)
+                voltage = update(boards, sign * ratio * band, count=LONG)
                 expected = sign * seen * band * (KP + ki * (LONG - 1) * STEP)
                 np.testing.assert_allclose(voltage, expected, atol=1e-9, rtol=1e-6)
 

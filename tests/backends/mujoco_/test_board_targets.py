@@ -1,4 +1,4 @@
-"""Targets of the boards: the limiter and its fast chases, wander, strays; each against its own law."""
+"""Targets of the boards: the limiter and its fast chases, wander, drift; each against its own law."""
 
 from dataclasses import replace
 from typing import Any
@@ -37,7 +37,7 @@ def followed(targets: BoardTargets, position: FloatArray, cycles: int = 1) -> Fl
     rows = []
     for _ in range(cycles):
         targets.plan(position, ONE)
-        rows.append(targets.now + STEPS * targets.share)
+        rows.append(targets.now + STEPS * targets.increment)
     return np.array(rows)
 
 
@@ -55,7 +55,7 @@ def test_what_the_boards_follow_is_continuous() -> None:
             goal = STAND + rng.uniform(-0.5, 0.5, N)
         targets.plan(goal, ONE)
         np.testing.assert_allclose(targets.now, before, atol=1e-12)
-        before = targets.now + STEPS * targets.share
+        before = targets.now + STEPS * targets.increment
 
 
 def chase_speeds(probability: float, chases: int) -> FloatArray:
@@ -127,17 +127,17 @@ def rests(plant: PlantConfig, count: int) -> tuple[FloatArray, FloatArray]:
             goal[INDEX] = STAND[INDEX] + 0.02 * (step if number % 2 else 8 - step)
             moving.append(float(followed(targets, goal)[0, INDEX] - goal[INDEX]))
         off.append(float(followed(targets, goal, 3 * REST)[-1, INDEX] - goal[INDEX]))
-    # A stray goes when its target moves on, as fast as the largest would come.
+    # A drift ends when its target moves on, as fast as the largest would come.
     return np.array(off), np.array(moving).reshape(count, 8)[:, -1]
 
 
 def test_a_fraction_of_rests_is_off_on_either_side() -> None:
     plant = with_drive(targeting(stray=(0.01, 0.06)), [JOINT], strays=0.25)
     off, moving = rests(plant, 1600)
-    strayed = off[off != 0.0]
-    assert binomtest(len(strayed), len(off), 0.25).pvalue > 1e-3
-    assert binomtest(int((strayed > 0).sum()), len(strayed), 0.5).pvalue > 1e-3
-    size = np.abs(strayed)
+    drifted = off[off != 0.0]
+    assert binomtest(len(drifted), len(off), 0.25).pvalue > 1e-3
+    assert binomtest(int((drifted > 0).sum()), len(drifted), 0.5).pvalue > 1e-3
+    size = np.abs(drifted)
     assert size.min() >= 0.01 - 1e-9
     assert size.max() <= 0.06 + 1e-9
     # Even in the reciprocal: half of them are below 2 / (1 / 0.01 + 1 / 0.06).
@@ -147,7 +147,7 @@ def test_a_fraction_of_rests_is_off_on_either_side() -> None:
 
 
 def test_a_command_that_converges_comes_to_rest_too() -> None:
-    """As that of a posture task, which never quite arrives: a stray comes once it is slower than REST_SPEED."""
+    """As that of a posture task, which never quite arrives: a drift begins once it is slower than REST_SPEED."""
     plant = with_drive(targeting(stray=(0.01, 0.06)), [JOINT], strays=0.999)
     targets, goal = reset(plant), STAND.copy()
     off = []
@@ -168,11 +168,11 @@ def test_a_closed_brake_stays_where_it_closed() -> None:
     held = []
     for _ in range(300):
         targets.plan(STAND + 0.3, limp)
-        held.append(float(targets.now[hip] + STEPS * targets.share[hip]))
+        held.append(float(targets.now[hip] + STEPS * targets.increment[hip]))
     assert np.ptp(held) < 1e-12
 
 
-def test_no_current_works_against_a_stray() -> None:
+def test_no_current_works_against_a_drift() -> None:
     """The encoder is degrees off at rest, and the motor holds nothing."""
     plant = with_drive(targeting(stray=(0.03, 0.031)), [JOINT], strays=0.999)
     backend = MujocoBackend(ROBOT, plant, seed=3)

@@ -28,7 +28,7 @@ def expected_torque(
     return np.asarray(jacobian.T @ force)
 
 
-def test_a_push_is_told_with_place_force_and_torque() -> None:
+def test_a_push_is_reported_with_place_force_and_torque() -> None:
     robot = Robot()
     force, point = np.array([3.0, 5.0, -2.0]), np.array([0.02, 0.01, 0.03])
     robot.push("l_wrist", force, point, 2.0)
@@ -54,7 +54,7 @@ def test_the_torque_of_several_contacts_is_their_sum() -> None:
     assert [c.link for c in contacts] == ["Head", "LForeArm", "r_wrist"]
     total = contacts[0].torque + contacts[1].torque + contacts[2].torque
     np.testing.assert_array_equal(robot.truth.contact_torque, total)
-    assert np.abs(total[[3, 4]]).max() > 0.1, "the head's joints feel it"
+    assert np.abs(total[[3, 4]]).max() > 0.1, "it acts on the head's joints"
 
 
 def test_peak_and_mean_differ_in_the_cycle_in_which_a_push_rises() -> None:
@@ -64,14 +64,14 @@ def test_peak_and_mean_differ_in_the_cycle_in_which_a_push_rises() -> None:
     roll = ROBOT.joint_index("LShoulderRoll")
     truth = robot.truth
     # Half a cosine over 0.1 s, at the states before each of the steps.
-    shares = 0.5 - 0.5 * np.cos(np.pi * np.arange(0.0, CYCLE - 1e-9, STEP) / 0.1)
-    assert only(robot).peak == pytest.approx(10.0 * shares[-1], rel=1e-6)
+    fractions = 0.5 - 0.5 * np.cos(np.pi * np.arange(0.0, CYCLE - 1e-9, STEP) / 0.1)
+    assert only(robot).peak == pytest.approx(10.0 * fractions[-1], rel=1e-6)
     ratio = abs(truth.peak_torque[roll] / truth.contact_torque[roll])
-    assert ratio == pytest.approx(shares[-1] / shares.mean(), rel=1e-3)
+    assert ratio == pytest.approx(fractions[-1] / fractions.mean(), rel=1e-3)
 
 
 @pytest.mark.parametrize(("rise", "expected"), [(0.04, 0.04), (0.2, 0.2), (0.5, 1 / 3)])
-def test_a_push_rises_and_falls_as_it_is_told(rise: float, expected: float) -> None:
+def test_a_push_rises_and_falls_as_requested(rise: float, expected: float) -> None:
     robot = Robot()
     robot.push("LBicep", np.array([0.0, 10.0, 0.0]), np.array([0.16, 0, 0]), 1.0, rise=rise)
     sizes = []
@@ -82,8 +82,8 @@ def test_a_push_rises_and_falls_as_it_is_told(rise: float, expected: float) -> N
     # The peak of a cycle is that of its last step while the push rises.
     time = np.arange(1, 84) * CYCLE - STEP
     rising = time < expected
-    shares = 0.5 - 0.5 * np.cos(np.pi * time[rising] / expected)
-    np.testing.assert_allclose(np.array(sizes)[:83][rising], 10.0 * shares, atol=1e-6)
+    fractions = 0.5 - 0.5 * np.cos(np.pi * time[rising] / expected)
+    np.testing.assert_allclose(np.array(sizes)[:83][rising], 10.0 * fractions, atol=1e-6)
     full = (time > expected) & (time < 1.0 - expected)
     np.testing.assert_allclose(np.array(sizes)[:83][full], 10.0)
     assert sizes[82] < 10.0 * (0.5 - 0.5 * np.cos(np.pi * 0.02 / expected)) + 1e-6
@@ -193,7 +193,7 @@ def test_a_fixed_base_neither_moves_nor_falls() -> None:
     assert not truth.fallen
 
 
-def test_the_base_is_told_where_it_went_and_that_it_fell() -> None:
+def test_the_truth_has_the_place_of_the_base_and_its_fall() -> None:
     robot = Robot(ROLLING)
     weight = 9.81 * 28.68
     assert robot.truth.wheel_load.sum() == pytest.approx(weight, rel=0.01)
@@ -206,7 +206,7 @@ def test_the_base_is_told_where_it_went_and_that_it_fell() -> None:
     assert robot.truth.base[0] > 0.1
 
 
-def test_links_are_told_where_they_are_on_a_base_that_rolls_and_tilts() -> None:
+def test_the_truth_has_the_places_of_links_on_a_base_that_rolls_and_tilts() -> None:
     robot = Robot(ROLLING)
     robot.push("torso", np.array([40.0, 20.0, 0.0]), duration=0.5)
     robot.run(0.4)

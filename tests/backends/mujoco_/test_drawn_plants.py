@@ -64,7 +64,7 @@ def test_an_impossible_link_is_refused(tmp_path: Path, old: str, new: str) -> No
         build_model(replace(ROBOT, urdf=urdf), load_plant("nominal", ROBOT))
 
 
-def test_centres_of_mass_are_off_by_a_share_of_their_distance(tmp_path: Path) -> None:
+def test_centres_of_mass_are_off_by_a_fraction_of_their_distance(tmp_path: Path) -> None:
     plant = load_plant(
         variant(tmp_path, randomise={"factors": {}, "values": {}, "model_error": [0.03, 0.08]}),
         ROBOT,

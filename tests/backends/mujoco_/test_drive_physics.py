@@ -102,7 +102,7 @@ def test_agrees_with_an_independent_integration() -> None:
     error = np.sqrt(np.mean((angles - truth) ** 2))
     assert error < 5e-4
     wrong, _ = simulate(Bench(plant), 1.5, ungated=plant.actuator(JOINT).gear_damping)
-    assert np.sqrt(np.mean((wrong - truth) ** 2)) > 3 * error, "ungated damping must be told apart"
+    assert np.sqrt(np.mean((wrong - truth) ** 2)) > 3 * error, "ungated damping must differ"
 
 
 def test_nothing_drags_inside_the_gap() -> None:
@@ -198,9 +198,9 @@ def test_motor_torque_is_that_of_the_current_the_board_reckons(
     torque = simulation.data.qfrc_actuator[simulation.model.motor_dof]
     names = ROBOT.joint_names
     constant = [ROBOT.motors.of(n).torque_constant * ROBOT.motors.joints[n].ratio for n in names]
-    wanted = (1 - 0.002 * 40.0) * np.array(constant) * simulation.boards.current
-    assert np.abs(wanted).min() > 0.01
-    np.testing.assert_allclose(torque, wanted, rtol=1e-9)
+    expected = (1 - 0.002 * 40.0) * np.array(constant) * simulation.boards.current
+    assert np.abs(expected).min() > 0.01
+    np.testing.assert_allclose(torque, expected, rtol=1e-9)
 
 
 def test_hands_carry_the_fingers_inertia() -> None:

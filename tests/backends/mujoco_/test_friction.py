@@ -188,9 +188,9 @@ def test_breakaway_acts_on_the_set_of_the_gap_too() -> None:
 
 
 def test_a_loaded_gear_has_more_friction() -> None:
-    """The band in which the motor stays put is as wide as Coulomb friction plus the share of the load."""
-    coulomb, share, load = 0.1, 0.3, 1.5
-    plant = plain(half_gap=0.01, friction=friction(coulomb, load=share))
+    """The band in which the motor stays put is as wide as Coulomb friction plus the fraction of the load."""
+    coulomb, fraction, load = 0.1, 0.3, 1.5
+    plant = plain(half_gap=0.01, friction=friction(coulomb, load=fraction))
     press = 0.01 + load / plant.actuator(JOINT).gear_stiffness
     for direction in (1, -1):
 
@@ -200,7 +200,7 @@ def test_a_loaded_gear_has_more_friction() -> None:
             # The load presses on the link; the motor holds against it, and a little more or less.
             return moves(bench, bench.motor, extra - direction * load, link=direction * load)
 
-        holding(attempt, coulomb + share * load)
+        holding(attempt, coulomb + fraction * load)
 
 
 def test_friction_swells_and_shrinks_over_the_turn() -> None:

@@ -40,7 +40,7 @@ def test_at_rest_the_force_is_stiffness_times_lag(pull: list[float]) -> None:
     np.testing.assert_allclose(contact.torque, jacobian.T @ contact.force, atol=1e-4)
 
 
-def test_a_fixed_link_feels_the_whole_profile() -> None:
+def test_a_fixed_link_gets_the_whole_profile() -> None:
     """On a link that cannot move the force is the hand's way and speed: minimum jerk, then hold, then a half cosine."""
     robot = Robot(FIXED)
     stiffness, rise, hold, release, pull = 1000.0, 0.5, 0.3, 0.2, 0.06
@@ -61,8 +61,8 @@ def test_a_fixed_link_feels_the_whole_profile() -> None:
     way = pull * (10 * t**3 - 15 * t**4 + 6 * t**5)
     speed = pull * 30 * t**2 * (1 - t) ** 2 / rise
     damping = 2 * np.sqrt(stiffness * HAND_MASS) * np.clip(times / 0.1, 0.0, 1.0)
-    gone = np.clip((times - rise - hold) / release, 0.0, 1.0)
-    expected = (stiffness * way + damping * speed) * (0.5 + 0.5 * np.cos(np.pi * gone))
+    faded = np.clip((times - rise - hold) / release, 0.0, 1.0)
+    expected = (stiffness * way + damping * speed) * (0.5 + 0.5 * np.cos(np.pi * faded))
     np.testing.assert_allclose(forces, expected.reshape(100, -1).mean(axis=1), atol=1e-6)
 
 

@@ -42,7 +42,7 @@ def matrix(rpy: FloatArray) -> FloatArray:
 
 
 @pytest.mark.parametrize("plant", [plain(), rolling()], ids=["fixed", "rolling"])
-def test_at_rest_it_feels_gravity(plant: PlantConfig) -> None:
+def test_at_rest_it_measures_gravity(plant: PlantConfig) -> None:
     simulation, unit = unit_of(plant, settle=80)
     hold(simulation, 1)
     unit.read()
@@ -53,7 +53,7 @@ def test_at_rest_it_feels_gravity(plant: PlantConfig) -> None:
     np.testing.assert_allclose(imu.attitude, 0.0, atol=1e-3)
 
 
-def test_a_unit_mounted_askew_feels_gravity_in_its_own_axes() -> None:
+def test_a_unit_mounted_askew_measures_gravity_in_its_own_axes() -> None:
     rpy = (0.2, -0.3, 0.4)
     _, unit = unit_of(plain(), mounted((0.1, 0.0, 0.0), rpy))
     imu = unit.reset()
@@ -64,12 +64,12 @@ def test_a_unit_mounted_askew_feels_gravity_in_its_own_axes() -> None:
 
 def test_attitude_is_roll_pitch_yaw_of_the_base() -> None:
     simulation, unit = unit_of(rolling())
-    wanted = np.array([0.1, -0.2, 2.5])
-    simulation.data.qpos[3:6] = wanted[::-1]  # yaw, pitch, roll
+    attitude = np.array([0.1, -0.2, 2.5])
+    simulation.data.qpos[3:6] = attitude[::-1]  # yaw, pitch, roll
     mujoco.mj_kinematics(simulation.model.mj, simulation.data)
     imu = unit.reset()
-    np.testing.assert_allclose(imu.attitude, wanted, atol=1e-9)
-    down = matrix(wanted).T @ [0, 0, GRAVITY]
+    np.testing.assert_allclose(imu.attitude, attitude, atol=1e-9)
+    down = matrix(attitude).T @ [0, 0, GRAVITY]
     np.testing.assert_allclose(imu.acceleration, down, atol=1e-9)
     assert imu.acceleration[1] > 0.5, "rolled to the right, the left side looks up"
 
@@ -99,17 +99,17 @@ def test_the_gyroscope_reads_in_the_axes_of_the_unit() -> None:
 def test_acceleration_sums_up_to_the_speed(axis: int) -> None:
     simulation, unit = unit_of(rolling())
     gained = np.zeros(3)
-    wanted = np.zeros(3)
+    driven = np.zeros(3)
     for tick in range(160):
-        wanted[axis] = min(0.2, 0.25 * tick * ROBOT.cycle)
-        hold(simulation, 1, wheels=ROWS @ wanted)
+        driven[axis] = min(0.2, 0.25 * tick * ROBOT.cycle)
+        hold(simulation, 1, wheels=ROWS @ driven)
         imu = unit.read()
         gained += ROBOT.cycle * (imu.acceleration - [0, 0, GRAVITY])
     assert twist(simulation)[axis] == pytest.approx(0.2, abs=0.02)
     np.testing.assert_allclose(gained[:2], twist(simulation)[:2], atol=0.02)
 
 
-def test_a_fixed_base_feels_no_motion_of_the_arms() -> None:
+def test_a_fixed_base_measures_no_motion_of_the_arms() -> None:
     simulation, unit = unit_of(plain())
     hold(simulation, 20, STAND + 0.1)
     imu = unit.read()

@@ -170,9 +170,9 @@ def test_wheels_follow_their_command() -> None:
     backend = MujocoBackend(ROBOT, replace(load_plant("nominal", ROBOT), base="fixed"))
     hold = np.clip(backend.open().position, ROBOT.lower, ROBOT.upper)
     backend.activate()
-    wanted = np.array([1.0, -2.0, 20.0])
+    speeds = np.array([1.0, -2.0, 20.0])
     for _ in range(120):
-        m = backend.exchange(Command(position=hold, stiffness=np.ones(17), wheel_speed=wanted))
+        m = backend.exchange(Command(position=hold, stiffness=np.ones(17), wheel_speed=speeds))
     np.testing.assert_allclose(m.wheel_speed, [1.0, -2.0, ROBOT.wheels.speed_limit], rtol=1e-3)
 
 
@@ -265,7 +265,7 @@ def test_switched_on_it_obeys_without_a_ramp() -> None:
     assert measurement.position[ROLL] == pytest.approx(target[ROLL], abs=0.03)
 
 
-def test_wheels_without_stiffness_do_not_turn_and_a_snapshot_knows() -> None:
+def test_wheels_without_stiffness_do_not_turn_and_a_snapshot_has_it() -> None:
     backend, hold = active()
     turning = Command(position=hold, stiffness=np.ones(17), wheel_speed=np.full(3, 1.0))
     backend.wheel_stiffness = np.zeros(3)
@@ -288,11 +288,11 @@ def turning(hold: FloatArray, speed: float = 1.0) -> Command:
 def test_a_command_goes_on_but_wheels_stand_after_the_dead_mans_cycles() -> None:
     """To the last bit as if the command had been written again, and then with wheels that stand."""
     silent, hold = active()
-    told, _ = active()
+    commanded, _ = active()
     silent.write(turning(hold))
     for cycle in range(40):
         ours = silent.read()
-        theirs = told.exchange(turning(hold, 1.0 if cycle < DEAD_MAN_CYCLES else 0.0))
+        theirs = commanded.exchange(turning(hold, 1.0 if cycle < DEAD_MAN_CYCLES else 0.0))
         assert ours.position.tobytes() == theirs.position.tobytes()
         assert ours.wheel_speed.tobytes() == theirs.wheel_speed.tobytes()
     assert np.abs(ours.wheel_speed).max() < 0.05
@@ -301,7 +301,7 @@ def test_a_command_goes_on_but_wheels_stand_after_the_dead_mans_cycles() -> None
 
 @pytest.mark.parametrize("read_before", [0, DEAD_MAN_CYCLES - 1, DEAD_MAN_CYCLES + 1])
 def test_a_snapshot_carries_the_last_command(read_before: int) -> None:
-    """And since when nobody has written another: wheels stand when they would have stood."""
+    """And since when no other was written: wheels stand when they would have stood."""
     backend, hold = active()
     rolling = turning(hold)
     for _ in range(20):

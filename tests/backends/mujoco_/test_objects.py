@@ -86,7 +86,7 @@ def test_a_thing_that_lies_on_the_head_weighs_what_it_weighs() -> None:
         robot.run(CYCLE)
         forces += [c.force[2] for c in robot.truth.contacts if c.link == "Head"]
     if not forces:
-        pytest.fail("the plate fell beside the head")
+        pytest.fail("the plate fell next to the head")
     assert np.mean(forces) == pytest.approx(-G, rel=0.05)
 
 
@@ -192,12 +192,12 @@ def test_a_fixed_robot_has_a_floor_for_things_only() -> None:
 
 
 def test_a_world_far_away_does_not_change_the_robot() -> None:
-    alone, beside = (
+    alone, accompanied = (
         Robot(FIXED),
         Robot(FIXED, world(far=ball(mass=None, velocity=[0, 0, 0], position=[9, 9, 1]))),
     )
-    for robot in (alone, beside):
+    for robot in (alone, accompanied):
         robot.push("LForeArm", np.array([0.0, 8.0, 0.0]), duration=0.5)
     assert [m.position.tobytes() for m in alone.run(0.5)] == [
-        m.position.tobytes() for m in beside.run(0.5)
+        m.position.tobytes() for m in accompanied.run(0.5)
     ]

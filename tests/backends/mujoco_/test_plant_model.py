@@ -66,7 +66,7 @@ def test_the_efforts_of_the_urdf_bound_nothing() -> None:
 def test_a_diverging_simulation_stays_diverged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Trap: MuJoCo starts anew from the first posture by itself, as if nothing had happened."""
+    """Trap: MuJoCo starts again from the first posture by itself, as if nothing had happened."""
     monkeypatch.chdir(tmp_path)  # MuJoCo leaves a note of its own there
     simulation = standing(plain())
     hold(simulation, 5)

@@ -60,27 +60,27 @@ def test_a_wheel_lifts_off_at_m_g_d_over_h(degrees: float) -> None:
     weight, com = balance(simulation)
     point, direction = shoulder(simulation), towards(degrees)
     expected = tipping_force(weight, com, direction, point[2])
-    for share in np.linspace(0.5, 1.1, 500):
-        push(simulation, "torso", share * expected * direction, point)
+    for ratio in np.linspace(0.5, 1.1, 500):
+        push(simulation, "torso", ratio * expected * direction, point)
         hold(simulation, 1)
         if simulation.wheels.load.min() < 0.005 * weight:
             break
-    assert share == pytest.approx(1.0, abs=0.1)
+    assert ratio == pytest.approx(1.0, abs=0.1)
     # The joints have given way a little: with the mass where it then is, it fits better.
     _, leaning = balance(simulation)
     moved = simulation.data.qpos[BASE][:2]
     leaning[:2] -= moved
     exact = tipping_force(weight, leaning, direction, point[2])
-    assert share * expected == pytest.approx(exact, rel=0.04)
+    assert ratio * expected == pytest.approx(exact, rel=0.04)
 
 
 @pytest.mark.parametrize("degrees", DIRECTIONS)
 def test_stands_at_less_and_falls_at_more(degrees: float) -> None:
-    for share, falls in ((0.85, False), (1.15, True)):
+    for ratio, falls in ((0.85, False), (1.15, True)):
         simulation = standing(rolling(floor_friction=5.0, friction=100.0), settle=60)
         weight, com = balance(simulation)
         point, direction = shoulder(simulation), towards(degrees)
-        force = share * tipping_force(weight, com, direction, point[2])
+        force = ratio * tipping_force(weight, com, direction, point[2])
         for tick in range(500):
             growing = min(1.0, (tick + 1) * ROBOT.cycle / 0.3)
             push(simulation, "torso", growing * force * direction, point)

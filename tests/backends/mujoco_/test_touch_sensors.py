@@ -30,7 +30,7 @@ def pressed(robot: Robot, seconds: float = 0.3) -> set[str]:
 
 
 def press(robot: Robot, sensor: TouchSensor, force: float, offset: FloatArray) -> None:
-    """A push on the sensor's link, ``offset`` (3,) [m] beside its frame."""
+    """A push on the sensor's link, ``offset`` (3,) [m] from its frame."""
     direction = np.array([1.0, 0.0, 0.0])
     robot.push(sensor.parent, force * direction, np.array(sensor.xyz) + offset, 1.0)
 
@@ -60,13 +60,13 @@ def test_only_the_touched_sensor_answers_and_only_while_touched() -> None:
     assert not pressed(robot)
 
 
-def test_the_same_point_on_another_link_is_not_felt() -> None:
+def test_the_same_point_on_another_link_is_not_detected() -> None:
     robot = Robot(FIXED)
     robot.push("torso", np.array([0.0, 0.0, -3.0]), np.array([0.028, 0.0, 0.52]), 0.5)
     assert not pressed(robot)
 
 
-def test_a_hand_is_felt() -> None:
+def test_a_hand_is_detected() -> None:
     robot = Robot(FIXED)
     sensor = SENSORS.touch["LHand/Touch/Back"]
     robot.grab("l_wrist", np.array([0.02, 0.0, 0.0]), np.array(sensor.xyz), rise=0.2)
@@ -81,17 +81,17 @@ def test_forces_of_several_contacts_add_up() -> None:
     assert pressed(robot) == {"ChestBoard/Button"}
 
 
-def test_an_object_on_the_head_is_felt() -> None:
+def test_an_object_on_the_head_is_detected() -> None:
     pose = PinocchioRobot().link_pose("Head", ROBOT.posture("Stand"))
     sensor = (pose @ [*SENSORS.touch["Head/Touch/Middle"].xyz, 1.0])[:3]
     outward = sensor - (pose @ [0.005, 0.0, 0.118, 1.0])[:3]  # from the centre of the head's sphere
     thing = {"shape": "sphere", "size": [0.05], "mass": 0.3, "start": 1.0}
     above = sensor + 0.056 * outward / np.linalg.norm(outward)
     robot = Robot(FIXED, world(ball={**thing, "position": above.tolist()}))
-    felt = set()
+    detected = set()
     for _ in range(8):
-        felt |= pressed(robot, 0.012)
-    assert felt == {"Head/Touch/Middle"}
+        detected |= pressed(robot, 0.012)
+    assert detected == {"Head/Touch/Middle"}
 
 
 def wall(x: float, y: float = 0.0, yaw: float = 0.0) -> Any:
@@ -119,12 +119,12 @@ def test_the_base_meets_a_wall(where: Any, twist: list[float], expected: set[str
     robot = Robot(ROLLING, where)
     assert not pressed(robot, 0.1)
     wheels = ROBOT.wheels.matrix @ np.array(twist)
-    felt: set[str] = set()
+    detected: set[str] = set()
     for _ in range(60):
         m = robot.exchange(Command(position=robot.hold, stiffness=np.ones(17), wheel_speed=wheels))
-        felt |= {n for n, v in zip(SENSORS.bumpers, m.bumpers, strict=True) if v}
+        detected |= {n for n, v in zip(SENSORS.bumpers, m.bumpers, strict=True) if v}
     assert {c.link for c in robot.truth.contacts} <= {
         "Tibia",
         *(f"{w}_link" for w in ROBOT.wheels.names),
     }
-    assert felt == expected
+    assert detected == expected

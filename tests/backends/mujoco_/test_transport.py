@@ -33,9 +33,11 @@ def run(
     middle = (ROBOT.lower + ROBOT.upper) / 2
     for tick in range(TICKS):
         time = max(0, tick - start) * ROBOT.cycle
-        share = 0.2 * (1 - np.cos(3.0 * time))
+        fraction = 0.2 * (1 - np.cos(3.0 * time))
         command = Command(
-            position=hold + share * (middle - hold), stiffness=np.ones(N), wheel_speed=np.zeros(3)
+            position=hold + fraction * (middle - hold),
+            stiffness=np.ones(N),
+            wheel_speed=np.zeros(3),
         )
         measurement = backend.exchange(command)
         true.append(backend.truth.position)
@@ -90,7 +92,7 @@ def test_late_samples_repeat_and_say_how_old_they_are() -> None:
     assert ((np.diff(ticks) == 1) | (ticks[1:] == 0)).all(), "a sample ages by a tick, or is new"
 
 
-def test_samples_come_late_as_often_as_told() -> None:
+def test_samples_come_late_as_often_as_configured() -> None:
     plant = transported(late=0.2, longest_late=10)
     encoders = Encoders(ROBOT, plant, np.random.default_rng(1))
     encoders.reset(np.zeros(N))
@@ -141,7 +143,7 @@ def test_commands_wait_in_line() -> None:
     assert arrived == [-1.0, -1.0, 0.0, 1.0, 2.0, 3.0]
 
 
-def test_a_lost_sample_repeats_the_position_and_does_not_tell() -> None:
+def test_a_lost_sample_repeats_the_position_and_does_not_report_it() -> None:
     """Each board loses its own; the fraction is the given one, and the age says nothing."""
     plant = transported(lost=0.2)
     encoders = Encoders(ROBOT, plant, np.random.default_rng(0))

@@ -1,4 +1,4 @@
-"""The base on its wheels: it drives as wheels.yaml says, grips as Coulomb does, and rolls when nobody drives it."""
+"""The base on its wheels: it drives as wheels.yaml says, grips as Coulomb does, and rolls when it is not driven."""
 
 import mujoco
 import numpy as np
@@ -64,11 +64,11 @@ def test_wheels_carry_the_weight_where_it_stands() -> None:
 
 
 @pytest.mark.parametrize(
-    "wanted", [(0.3, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, -0.8), (0.15, -0.1, 0.5)]
+    "requested", [(0.3, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, -0.8), (0.15, -0.1, 0.5)]
 )
-def test_drives_as_told(wanted: tuple[float, float, float]) -> None:
+def test_drives_as_requested(requested: tuple[float, float, float]) -> None:
     simulation = standing(rolling(), settle=10)
-    command = ROWS @ wanted
+    command = ROWS @ requested
     assert np.abs(command).max() < ROBOT.wheels.speed_limit
     hold(simulation, 120, wheels=command)
     seen, measured = [], []
@@ -76,7 +76,7 @@ def test_drives_as_told(wanted: tuple[float, float, float]) -> None:
         hold(simulation, 1, wheels=command)
         seen.append(twist(simulation))
         measured.append(simulation.wheels.speed)
-    np.testing.assert_allclose(np.mean(seen, axis=0), wanted, atol=0.005)
+    np.testing.assert_allclose(np.mean(seen, axis=0), requested, atol=0.005)
     np.testing.assert_allclose(np.mean(measured, axis=0), command, atol=0.02)
     np.testing.assert_allclose(measured, seen @ ROWS.T, atol=0.02)
 
@@ -87,8 +87,8 @@ def test_the_wheels_agree_with_where_the_robot_went() -> None:
     pose, inverse = np.zeros(3), np.linalg.inv(ROWS)
     start = simulation.data.qpos[[0, 1, 3]].copy()
     for tick in range(250):
-        wanted, before = np.array([0.25, 0.1 * np.sin(tick / 40), 0.7]), simulation.wheels.speed
-        hold(simulation, 1, wheels=ROWS @ wanted)
+        requested, before = np.array([0.25, 0.1 * np.sin(tick / 40), 0.7]), simulation.wheels.speed
+        hold(simulation, 1, wheels=ROWS @ requested)
         mean = (before + simulation.wheels.speed) / 2
         forward, left, turn = inverse @ mean * ROBOT.cycle
         heading = pose[2] + turn / 2
@@ -132,16 +132,16 @@ def test_powered_wheels_hold_a_push_and_stay() -> None:
 
 
 def test_on_ice_the_wheels_spin() -> None:
-    wanted = np.array([0.35, 0.0, 0.0])
+    requested = np.array([0.35, 0.0, 0.0])
     speeds = []
     for friction in (0.8, 0.005):
         simulation = standing(rolling(floor_friction=friction), settle=40)
-        hold(simulation, 120, wheels=ROWS @ wanted)
+        hold(simulation, 120, wheels=ROWS @ requested)
         speeds.append(twist(simulation)[0])
         turning = simulation.wheels.speed
     assert speeds[0] == pytest.approx(0.35, rel=0.05)
     assert speeds[1] < 0.2
-    assert np.abs(turning[:2]).min() > 0.9 * np.abs(ROWS @ wanted)[:2].min()
+    assert np.abs(turning[:2]).min() > 0.9 * np.abs(ROWS @ requested)[:2].min()
 
 
 @pytest.mark.parametrize("angle", [0.0, 2.0])
@@ -176,21 +176,21 @@ def test_the_friction_of_unpowered_wheels_holds_a_weak_push() -> None:
     assert np.abs(simulation.data.qpos[BASE] - before).max() < 1e-3
 
 
-def test_wheels_know_their_speed_limit() -> None:
+def test_wheels_keep_their_speed_limit() -> None:
     simulation = standing(rolling(), settle=5)
     hold(simulation, 300, wheels=np.full(3, 100.0))
     np.testing.assert_allclose(simulation.wheels.speed, ROBOT.wheels.speed_limit, rtol=1e-2)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
-def test_stiffness_is_the_share_of_its_torque_that_a_wheel_may_use(share: float) -> None:
+@pytest.mark.parametrize("fraction", [0.0, 0.25, 1.0])
+def test_stiffness_is_the_fraction_of_its_torque_that_a_wheel_may_use(fraction: float) -> None:
     simulation = standing(rolling(), settle=5)
-    simulation.cycle(STAND, np.ones(17), np.full(3, 100.0), np.full(3, share))
+    simulation.cycle(STAND, np.ones(17), np.full(3, 100.0), np.full(3, fraction))
     torque = simulation.data.actuator_force[
         [simulation.model.mj.actuator(name).id for name in ROBOT.wheels.names]
     ]
     limit = rolling().wheels.torque_limit
-    np.testing.assert_allclose(torque, share * limit, atol=1e-9)
+    np.testing.assert_allclose(torque, fraction * limit, atol=1e-9)
 
 
 def test_a_wheel_that_gets_stiffness_again_starts_without_a_past() -> None:

@@ -23,10 +23,10 @@ GOAL = ROBOT.posture("Stand")
 
 
 class Fake:
-    """A robot whose ALMotion and ALMemory do what a test tells them to, and the link to it.
+    """A robot whose ALMotion and ALMemory do what a test requests, and the link to it.
 
     Attributes:
-        log: All that its ALMotion was told.
+        log: All requests to its ALMotion.
     """
 
     def __init__(self, naoqi: VirtualNaoqi) -> None:
@@ -98,23 +98,23 @@ def test_a_robot_that_does_not_answer_holds_no_tick_up_and_its_samples_are_old(f
 
 
 def test_stiffness_is_passed_on_when_it_changes(fake: Fake) -> None:
-    def told(stiffness: float) -> list[float]:
-        """All that the robot was told by the time it has taken what it was told last."""
+    def received(stiffness: float) -> list[float]:
+        """All stiffnesses that the robot has received by the time it has taken the last one."""
         fake.ticks(6, stiffness)
         assert fake.link.idle
         entries = [entry for entry in fake.log if entry[0] == "setStiffnesses"]
         assert {number for _, number, _ in entries} <= {14}, "not the legs"
         return [value for *_, value in entries]
 
-    assert told(1.0) == []
-    assert told(0.5) == told(0.5) == told(0.51) == [0.5]
-    assert told(0.8) == [0.5, 0.8]
-    assert told(0.99) == [0.5, 0.8, 0.99]
-    assert told(1.0) == [0.5, 0.8, 0.99, 1.0], "the last bit of the way too"
+    assert received(1.0) == []
+    assert received(0.5) == received(0.5) == received(0.51) == [0.5]
+    assert received(0.8) == [0.5, 0.8]
+    assert received(0.99) == [0.5, 0.8, 0.99]
+    assert received(1.0) == [0.5, 0.8, 0.99, 1.0], "the last bit of the way too"
 
 
 def test_stiffness_is_asked_for_and_unknown_while_ours_is_on_its_way(fake: Fake) -> None:
-    """Else what the robot had before looks as if somebody had taken it away."""
+    """Else what the robot had before looks as if another program had taken it away."""
     soft = np.isin(ROBOT.joint_names, fake.link.soft)
 
     def shown(stiffness: float, ticks: int = 1) -> FloatArray:
@@ -124,7 +124,7 @@ def test_stiffness_is_asked_for_and_unknown_while_ours_is_on_its_way(fake: Fake)
 
     assert np.isnan(shown(1.0)).all()
     assert (shown(1.0, 30)[soft] == 1.0).all()
-    assert np.isnan(shown(1.0)[~soft]).all(), "nobody can change that of the legs"
+    assert np.isnan(shown(1.0)[~soft]).all(), "that of the legs cannot be changed"
     fake.motion.may_soften.clear()
     fake.ticks(3, 0.2)
     assert all(np.isnan(shown(0.2)).all() for _ in range(20))

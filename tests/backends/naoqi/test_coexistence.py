@@ -51,7 +51,7 @@ def enabled(fake: FakeRobot) -> set[tuple[str, str | None]]:
 def test_all_is_off_meanwhile_and_as_it_was_after(fake: FakeRobot, connection: Connection) -> None:
     fake.motion.on["Breath", "LArm"] = True
     fake.motion.on["IdlePosture", "Head"] = True
-    fake.motion.on["SmartStiffness", None] = False  # by somebody else
+    fake.motion.on["SmartStiffness", None] = False  # by another program
     before = enabled(fake)
     fake.motion.commanded[3] = 0.25
     with take_over(connection) as taken:
@@ -136,9 +136,9 @@ def test_without_consent_one_may_go_on_with_what_is_allowed(
             "fall manager",
             "push recovery",
         }
-    (told,) = [r.getMessage() for r in caplog.records if r.levelno == logging.WARNING]
-    assert "fall manager" in told
-    assert "/advanced/#/settings" in told
+    (reported,) = [r.getMessage() for r in caplog.records if r.levelno == logging.WARNING]
+    assert "fall manager" in reported
+    assert "/advanced/#/settings" in reported
 
 
 def test_a_switch_that_does_not_move(fake: FakeRobot, connection: Connection) -> None:
@@ -194,7 +194,7 @@ def test_touch_is_stopped_and_started_on_request(fake: FakeRobot, connection: Co
     assert ("launch", "altouch") in fake.log
 
 
-def test_what_cannot_be_given_back_is_told_and_the_rest_is(
+def test_what_cannot_be_given_back_is_reported_and_the_rest_is(
     fake: FakeRobot, connection: Connection, caplog: pytest.LogCaptureFixture
 ) -> None:
     before = enabled(fake)
@@ -205,8 +205,10 @@ def test_what_cannot_be_given_back_is_told_and_the_rest_is(
     assert taken.left == ("fall manager",)
     assert enabled(fake) == before - {("FallManager", None)}
     assert fake.life.state == "solitary"
-    (told,) = [r.getMessage() for r in caplog.records if r.levelno == logging.ERROR]
-    assert told.endswith("did not get back: fall manager; restart the robot to have it as it was")
+    (reported,) = [r.getMessage() for r in caplog.records if r.levelno == logging.ERROR]
+    assert reported.endswith(
+        "did not get back: fall manager; restart the robot to have it as it was"
+    )
 
 
 def test_a_robot_without_these_services() -> None:
@@ -230,7 +232,7 @@ def test_given_back_over_another_connection(fake: FakeRobot, connection: Connect
     assert taken.left == ()
 
 
-def test_a_lost_connection_is_told(fake: FakeRobot) -> None:
+def test_a_lost_connection_is_reported(fake: FakeRobot) -> None:
     connection = fake.connect()
     taken = take_over(connection)
     taken.begin()

@@ -80,7 +80,7 @@ def when_called(process: subprocess.Popen[str], action: Callable[[], object]) ->
 
 @contextmanager
 def listener(answer: Callable[[socket.socket], None] | None) -> Iterator[int]:
-    """The port of somebody who takes connections, and does ``answer`` with each."""
+    """The port of a program that takes connections, and does ``answer`` with each."""
     server = socket.create_server(("127.0.0.1", 0))
 
     def serve() -> None:
@@ -159,7 +159,7 @@ def test_calls_bring_what_a_service_answers(fake: FakeRobot) -> None:
         connection.call("ALSystem", "systemVersion")
 
 
-def test_nobody_listens() -> None:
+def test_no_program_listens() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
     assert "no server listens at port" in str(failure(f"naoqi://127.0.0.1:{port}"))
@@ -204,14 +204,14 @@ def test_a_door_that_says_nothing_about_the_password(certificate: ssl.SSLContext
     assert isinstance(error, NoAnswerError)
 
 
-def test_somebody_else_listens() -> None:
+def test_another_program_listens() -> None:
     with listener(web_server) as port:
         assert "is no NAOqi" in str(failure(f"naoqi://127.0.0.1:{port}"))
         assert "speaks no TLS" in str(failure(f"naoqis://127.0.0.1:{port}", SECRET))
 
 
 @pytest.mark.parametrize("scheme", ["naoqi", "naoqis"])
-def test_somebody_listens_and_says_nothing(scheme: str) -> None:
+def test_a_program_listens_and_says_nothing(scheme: str) -> None:
     with listener(None) as port:
         started = time.monotonic()
         error = failure(f"{scheme}://127.0.0.1:{port}", SECRET, QUICK_PROBE)
@@ -236,7 +236,7 @@ def test_the_password_reaches_the_robot_and_calls_go_through(
         try:
             front = certificate.wrap_socket(peer, server_side=True)
         except OSError:
-            return  # somebody only looked whether there is anybody
+            return  # a client only looked for a listener
         back = socket.create_connection(("127.0.0.1", fake.port))
         first.append(front.recv(4096))
         back.sendall(first[0])
@@ -332,7 +332,7 @@ def test_closing_is_no_loss() -> None:
     assert lost == ["cut"]
 
 
-def test_a_robot_that_hangs_holds_nobody_up() -> None:
+def test_a_robot_that_hangs_does_not_block_the_caller() -> None:
     """Neither a call, nor closing."""
     with other_process() as (process, uri):
         connection = connect(address_of(uri), settings=QUICK_CALL)
@@ -345,7 +345,7 @@ def test_a_robot_that_hangs_holds_nobody_up() -> None:
         assert time.monotonic() - started < 10
 
 
-def test_ctrl_c_is_heard_in_a_call() -> None:
+def test_ctrl_c_ends_a_call() -> None:
     with other_process() as (process, uri):
         connection = connect(address_of(uri), settings=PATIENT)
         when_called(process, lambda: os.kill(os.getpid(), signal.SIGINT))

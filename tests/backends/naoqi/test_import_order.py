@@ -54,7 +54,7 @@ def test_a_lost_connection_does_not_crash_the_process() -> None:
     assert done.stdout.strip() == "well"
 
 
-def test_a_program_that_imports_pinocchio_first_is_told() -> None:
+def test_a_program_that_imports_pinocchio_first_is_warned() -> None:
     done = run(
         "import pinocchio\nfrom pepper_driver import Pepper\n"
         "from pepper_driver.backends.naoqi.qi_library import load_qi\nload_qi()"

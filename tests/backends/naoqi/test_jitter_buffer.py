@@ -10,7 +10,7 @@ from pepper_driver.backends.naoqi.memory_keys import Values
 from pepper_driver.backends.naoqi.timing import JitterBuffer
 
 SOONER_OR_LATER = 20
-"""[ticks] between two counts anew, at least on average."""
+"""[ticks] between two new counts, at least on average."""
 
 
 def sample(cycle: int) -> Values:
@@ -35,7 +35,7 @@ def test_regular_samples_are_each_of_their_tick() -> None:
     assert play([[n] for n in range(1, 50)]) == [(n, n) for n in range(1, 50)]
 
 
-def test_an_early_sample_waits_and_a_missing_one_is_told() -> None:
+def test_an_early_sample_waits_and_a_missing_one_is_reported() -> None:
     arrivals = [[1], [2], [4], [], [5], [6]]
     assert play(arrivals) == [(1, 1), (2, 2), (3, 2), (4, 4), (5, 5), (6, 6)]
 

@@ -131,7 +131,7 @@ def test_a_keyring_that_is_no_help_is_passed_over(alone: pytest.MonkeyPatch, fou
     assert find_secret(SECURE) == Secret("typed at Password of nao@pepper.local: ")
 
 
-def test_nobody_to_ask(alone: pytest.MonkeyPatch) -> None:
+def test_no_server_to_ask(alone: pytest.MonkeyPatch) -> None:
     with pytest.raises(SecretError, match="keyring set pepper-driver nao@pepper"):
         find_secret(SECURE)
 
@@ -217,7 +217,7 @@ def test_pinocchio_first(monkeypatch: pytest.MonkeyPatch) -> None:
     assert qi_library.load_qi() is modules["qi"]
 
 
-def test_the_library_is_told_before_it_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_library_is_configured_before_it_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     found: dict[str, str] = {}
     monkeypatch.delenv("QI_LOG_LEVEL", raising=False)
     monkeypatch.setenv("QI_TCP_PING_TIMEOUT", "20")

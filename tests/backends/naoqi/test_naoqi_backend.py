@@ -39,7 +39,7 @@ LEGS = np.array([name in ROBOT.chains["legs"] for name in ROBOT.joint_names])
 
 @pytest.fixture
 def robot() -> Iterator[VirtualNaoqi]:
-    """Awake, and its owner allows all: as a robot is that somebody works with."""
+    """Awake, and its owner allows all: as a robot is that a person works with."""
     with VirtualNaoqi() as robot:
         robot.wake_up()
         yield robot
@@ -136,14 +136,14 @@ def test_the_stand_in_is_known_as_the_robot_it_simulates(
         ("dela=3", "delay"),
     ],
 )
-def test_a_wrong_key_is_told_before_anything_is_looked_for(query: str, word: str) -> None:
+def test_a_wrong_key_is_reported_before_anything_is_looked_for(query: str, word: str) -> None:
     with pytest.raises(ConfigError, match=word) as caught:
         make_backend(f"naoqi://127.0.0.1:1?{query}")
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.usefixtures("qi")
-def test_nobody_there_is_one_line() -> None:
+def test_no_robot_there_is_one_line() -> None:
     backend = make_backend("naoqi://127.0.0.1:1")
     with pytest.raises(NotConnectedError, match=r"127\.0\.0\.1") as caught:
         backend.open()
@@ -154,15 +154,15 @@ def test_nobody_there_is_one_line() -> None:
 # -- one after the other ------------------------------------------------------------------------------------------
 
 
-def test_before_activation_all_sensors_are_read_and_nothing_is_told(
+def test_before_activation_all_sensors_are_read_and_nothing_is_sent(
     robot: VirtualNaoqi, backend: NaoqiRobot
 ) -> None:
     before = robot.black_box(1)
     begun = robot.time.seconds()
     first = backend.open()
     assert first.tick == 0
-    wanted = held(first) + 0.2
-    measured = run(backend, 60, lambda _: np.clip(wanted, ROBOT.lower, ROBOT.upper), np.ones(3))
+    requested = held(first) + 0.2
+    measured = run(backend, 60, lambda _: np.clip(requested, ROBOT.lower, ROBOT.upper), np.ones(3))
     last = measured[-1]
     for name, size in (("position", 17), ("current", 17), ("temperature", 17), ("wheel_speed", 3)):
         values = getattr(last, name)
@@ -214,17 +214,17 @@ def test_the_dcm_is_at_each_command_at_a_cycle_and_samples_answer_it(
     given = []
 
     def position(tick: int) -> FloatArray:
-        wanted = start.copy()
-        wanted[[6, 12]] += np.array([0.2, -0.2]) * (1.0 - np.cos(0.03 * tick))
-        given.append(wanted)
-        return wanted
+        requested = start.copy()
+        requested[[6, 12]] += np.array([0.2, -0.2]) * (1.0 - np.cos(0.03 * tick))
+        given.append(requested)
+        return requested
 
     begun = robot.time.seconds()
     measured = run(backend, 250, position)
     commanded = recent(robot, robot.time.seconds() - begun + 0.5).position_command
     reached = {row.tobytes() for row in commanded}
-    hits = [wanted.tobytes() in reached for wanted in given[20:]]
-    assert np.mean(hits) > 0.5, "all, but on a busy machine; beside its cycles it would be at none"
+    hits = [requested.tobytes() in reached for requested in given[20:]]
+    assert np.mean(hits) > 0.5, "all, but on a busy machine; off its cycles it would be at none"
     errors = []
     for tick in range(30, 250):
         measurement = measured[tick]
@@ -264,7 +264,7 @@ def test_wheels_turn_and_stand_again(robot: VirtualNaoqi, backend: NaoqiRobot) -
     assert np.abs(box.wheel_command).max() == pytest.approx(0.5)
     assert box.wheel_speed[:, 0].max() == pytest.approx(0.5, abs=0.1)
     assert robot.time.clock().wait_for(lambda: not robot.black_box(1).wheel_command.any(), 0.2), (
-        "nobody tells them to go on"
+        "no command makes them go on"
     )
 
 
@@ -290,7 +290,7 @@ def test_a_stand_in_can_be_pushed(robot: VirtualNaoqi, backend: NaoqiRobot) -> N
 # -- what goes wrong ----------------------------------------------------------------------------------------------
 
 
-def test_a_lost_connection_is_told_and_nothing_goes_on_by_itself(
+def test_a_lost_connection_is_reported_and_nothing_goes_on_by_itself(
     robot: VirtualNaoqi, backend: NaoqiRobot
 ) -> None:
     backend.open()

@@ -180,7 +180,7 @@ def test_pauses_are_none() -> None:
     assert not any(run.found)
 
 
-def test_a_joint_that_almotion_takes_to_lie_where_it_is_measured_is_not_wanted_elsewhere() -> None:
+def test_a_joint_whose_almotion_target_is_its_measurement_has_no_other_target() -> None:
     """Its stiffness was 0 before, and ours is not ALMotion's affair."""
     robot = VirtualRobot(wire(1))
     robot.limp = {HEAD, ROBOT.joint_index("LElbowRoll")}
@@ -191,15 +191,15 @@ def test_a_joint_that_almotion_takes_to_lie_where_it_is_measured_is_not_wanted_e
 
 def test_almotion_may_still_come_to_rest_when_we_begin() -> None:
     robot = VirtualRobot(wire(1))
-    robot.wanted = STAND + 0.2
+    robot.almotion_target = STAND + 0.2
     run = Run(robot, speed=0.1)
     run.ticks(20)
-    robot.wanted = STAND + 0.28
+    robot.almotion_target = STAND + 0.28
     run.ticks(3 * SECOND)
     assert not any(run.found)
 
 
-def test_one_odd_value_stops_nobody() -> None:
+def test_one_odd_value_stops_no_robot() -> None:
     """Nor does a command that ours overrule at once."""
     robot = VirtualRobot(wire(1))
     run = Run(robot)
@@ -233,7 +233,7 @@ def test_another_program_that_commands_a_joint_is_noticed_within_a_second(
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_wheels_that_stand_and_are_told_to_turn_are_noticed(seed: int) -> None:
+def test_wheels_that_stand_and_are_commanded_to_turn_are_noticed(seed: int) -> None:
     """One order is enough: we say nothing while they stand."""
     robot = VirtualRobot(wire(seed))
     run = Run(robot, drive=0.0)
@@ -243,7 +243,7 @@ def test_wheels_that_stand_and_are_told_to_turn_are_noticed(seed: int) -> None:
     assert run.found[-1] == (WHEELS[0], WHEELS[2])
 
 
-def test_wheels_that_turn_are_noticed_when_told_otherwise() -> None:
+def test_wheels_that_turn_against_their_command_are_noticed() -> None:
     """By orders that come after ours, and before the DCM's cycle; others change nothing."""
     robot = VirtualRobot(wire(3))
     run = Run(robot)
@@ -267,12 +267,12 @@ def test_joints_that_we_leave_alone_are_watched_too() -> None:
     assert run.found[-1] == ("HeadYaw",)
 
 
-def test_what_almotion_wants_is_noticed_though_ours_overrule_it() -> None:
+def test_targets_of_almotion_are_noticed_though_ours_overrule_them() -> None:
     robot = VirtualRobot(wire(4))
     run = Run(robot, speed=0.3)
     run.ticks(2 * SECOND)
-    robot.wanted = STAND.copy()
-    robot.wanted[[HEAD, 5]] += [0.3, -0.2]
+    robot.almotion_target = STAND.copy()
+    robot.almotion_target[[HEAD, 5]] += [0.3, -0.2]
     assert run.until_found() <= 0.7
     assert run.found[-1] == ("HeadYaw", ROBOT.joint_names[5])
 
@@ -303,7 +303,7 @@ def test_it_can_be_switched_off() -> None:
     run = Run(robot, ignore=True)
     run.ticks(SECOND)
     robot.drives = True
-    robot.wanted = STAND + 0.3
+    robot.almotion_target = STAND + 0.3
     robot.every(12.0, lambda: robot.order(KEYS[Alias.WHEEL_SPEED], [-5.0] * 3, 0.0, "ClearAll"))
     run.ticks(2 * SECOND)
     assert not any(run.found)

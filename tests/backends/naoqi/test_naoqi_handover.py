@@ -103,8 +103,8 @@ def test_legs_are_led_back_unless_another_program_moves_them(
     bowed[LEGS] += 0.3
 
     def others_move_legs() -> None:
-        robot.wanted = robot.wanted.copy()
-        robot.wanted[LEGS] -= 0.2
+        robot.almotion_target = robot.almotion_target.copy()
+        robot.almotion_target[LEGS] -= 0.2
 
     for tick in range(200):
         robot.pass_time(robot.time + 12.0)

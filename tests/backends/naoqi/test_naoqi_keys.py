@@ -24,7 +24,7 @@ def answer(**changed: Any) -> list[Any]:
     return values
 
 
-def test_what_the_dcm_tells_joints_and_wheels_comes_after_all_else() -> None:
+def test_what_the_dcm_commands_comes_after_all_else() -> None:
     joints, wheels = ROBOT.joint_names, ROBOT.wheels.names
     assert KEYS.with_commands[: len(KEYS.names)] == KEYS.names
     assert KEYS.with_commands[len(KEYS.names) :] == [
@@ -32,15 +32,15 @@ def test_what_the_dcm_tells_joints_and_wheels_comes_after_all_else() -> None:
         *(f"{PREFIX}{name}/Speed/Actuator/Value" for name in wheels),
     ]
     plain = KEYS.values(answer())
-    told = KEYS.values([*answer(), *(10.0 + n for n in range(19)), None])
+    sample = KEYS.values([*answer(), *(10.0 + n for n in range(19)), None])
     assert isinstance(plain, Values)
-    assert isinstance(told, Values)
+    assert isinstance(sample, Values)
     assert plain.commanded is None
-    assert told.commanded is not None
-    assert told.commanded[:19].tolist() == [10.0 + n for n in range(19)]
-    assert np.isnan(told.commanded[19]), "which makes it no worse a sample"
-    assert told.shown == plain.shown
-    np.testing.assert_array_equal(told.position, plain.position)
+    assert sample.commanded is not None
+    assert sample.commanded[:19].tolist() == [10.0 + n for n in range(19)]
+    assert np.isnan(sample.commanded[19]), "which makes it no worse a sample"
+    assert sample.shown == plain.shown
+    np.testing.assert_array_equal(sample.position, plain.position)
     assert isinstance(KEYS.values([*answer(), 1.0]), str)
 
 
@@ -133,7 +133,7 @@ def test_whatever_else_comes_is_no_sample(answer_: Any) -> None:
     assert isinstance(KEYS.values(answer_), str)
 
 
-def test_nobody_changes_a_sample() -> None:
+def test_a_sample_cannot_be_changed() -> None:
     values = KEYS.values(answer())
     assert isinstance(values, Values)
     with pytest.raises(ValueError, match="read-only"):

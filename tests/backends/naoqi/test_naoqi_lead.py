@@ -13,7 +13,7 @@ TIMING = load_naoqi_settings().timing
 
 
 class Way:
-    """Calls that take a time drawn anew for each."""
+    """Calls, each with a newly drawn time."""
 
     def __init__(self, draw: Callable[[], float]) -> None:
         self._draw, self.now, self.calls = draw, 0.0, 0

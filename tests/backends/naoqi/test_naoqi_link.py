@@ -214,7 +214,7 @@ def test_what_a_robot_that_hung_finds_waiting_is_harmless(speed: float, after: f
         began, taken = robot.time, robot.taken
         robot.hang(until=began + after)
         assert run.ticks(20, wheels, until=lambda m: m.age > SAFETY.stale_fault)
-        # The loop tells a robot that it stops to hold its joints, which do not get that far.
+        # The loop commands a robot that it stops to hold its joints, which do not get that far.
         run.link.write(run.given[-1], ONES, STILL)
         robot.pass_time(began + after + 500.0)
         assert robot.taken - taken <= 2
@@ -249,7 +249,7 @@ def test_without_commands_the_wheels_stand_soon_and_the_joints_stay(offset: floa
     assert np.array_equal(robot.commanded[max(robot.commanded)][0], run.given[-1])
 
 
-def test_wheels_are_told_nothing_while_they_stand_and_stop_at_once() -> None:
+def test_wheels_get_no_commands_while_they_stand_and_stop_at_once() -> None:
     robot = VirtualRobot(wire(7))
     run = Run(robot)
     run.ticks(50)
@@ -333,7 +333,7 @@ def test_a_slow_dcm_takes_fewer_commands_which_are_counted() -> None:
 # -- at the start -------------------------------------------------------------------------------------------------
 
 
-def test_an_actuator_that_the_dcm_does_not_know_is_named() -> None:
+def test_an_actuator_unknown_to_the_dcm_is_named() -> None:
     robot = VirtualRobot()
     call = robot.call
 

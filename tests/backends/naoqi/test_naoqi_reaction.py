@@ -129,7 +129,7 @@ def test_under_jitter_and_latency_it_takes_at_least_one_cycle_less(
 
 
 def test_wireless_samples_come_in_time() -> None:
-    """Else half of them were late by a cycle, and what is felt would tremble."""
+    """Else half of them were late by a cycle, and the observed contact would tremble."""
     late = [react(wifi(seed, stalls=False)).late for seed in range(4)]
     assert np.mean(late) < 0.03
 

@@ -45,7 +45,7 @@ def test_a_pepper_can_do_all(bench: Bench) -> None:
     assert abilities(names - {"ALLeds", "ALTabletService"}) == {"speech", "postures", "wake"}
 
 
-def test_speaking_holds_nobody_up(bench: Bench) -> None:
+def test_speaking_does_not_block_the_caller(bench: Bench) -> None:
     bench.fake.speech.may_end.clear()
     bench.services.say("hello")
     assert not bench.fake.log, "it still speaks"
@@ -66,9 +66,9 @@ def test_what_fails_later_is_logged(bench: Bench, caplog: pytest.LogCaptureFixtu
     bench.fake.speech.mute = True
     bench.services.say("hello")
     assert wait_until(lambda: caplog.records)
-    (told,) = [record.getMessage() for record in caplog.records]
-    assert "ALTextToSpeech.say failed: " in told
-    assert told.endswith("ALTextToSpeech::say no voice")
+    (reported,) = [record.getMessage() for record in caplog.records]
+    assert "ALTextToSpeech.say failed: " in reported
+    assert reported.endswith("ALTextToSpeech::say no voice")
     assert caplog.records[0].levelno == logging.WARNING
 
 

@@ -47,7 +47,7 @@ def refused(fake: FakeRobot, **more: Any) -> str:
 
 
 def unfit(fake: FakeRobot, **more: Any) -> str:
-    """Return why a robot is not activated; it is told nothing meanwhile."""
+    """Return why a robot is not activated; nothing is sent to it meanwhile."""
     connection = fake.connect()
     with pytest.raises(NotReadyError) as caught:
         check_robot(connection, ROBOT, **{"settings": SETTINGS, "safety": SAFETY, **more})

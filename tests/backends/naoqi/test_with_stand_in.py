@@ -73,7 +73,9 @@ def stiffness(robot: VirtualNaoqi) -> FloatArray:
 # -- taking over ----------------------------------------------------------------------------------------------------
 
 
-def test_nobody_else_moves_the_robot_meanwhile(robot: VirtualNaoqi, connection: Connection) -> None:
+def test_no_other_program_moves_the_robot_meanwhile(
+    robot: VirtualNaoqi, connection: Connection
+) -> None:
     connection.call("ALAutonomousLife", "setState", "solitary", timeout=20.0)
     assert robot.time.clock().wait_for(lambda: orders(robot) > 3), (
         "a living robot is moved all the time"
@@ -258,16 +260,16 @@ def test_stiffness_is_passed_on_but_for_the_legs(
 ) -> None:
     angles.open()
     hold = angles.activate()
-    wanted = np.ones(17)
-    wanted[HEAD] = 0.4
-    command = Command(position=hold.position, stiffness=wanted, wheel_speed=STILL)
+    requested = np.ones(17)
+    requested[HEAD] = 0.4
+    command = Command(position=hold.position, stiffness=requested, wheel_speed=STILL)
 
-    def told() -> bool:
+    def arrived() -> bool:
         angles.exchange(command)
         return bool(abs(stiffness(robot)[HEAD] - 0.4) < 0.02)
 
-    assert robot.time.clock().wait_for(told)
-    wanted[ROBOT.joint_index("KneePitch")] = 0.0
+    assert robot.time.clock().wait_for(arrived)
+    requested[ROBOT.joint_index("KneePitch")] = 0.0
     for _ in range(20):
         angles.exchange(command)
         robot.time.sleep(ROBOT.cycle)

@@ -31,7 +31,7 @@ def interpolation(name: str, *points: tuple[float, float], what: str = "angle") 
 
 @pytest.fixture
 def stage() -> Stage:
-    """Stiff, and with nobody who writes by himself."""
+    """Stiff, and without a thread that writes by itself."""
     made = Stage()
     made.quiet()
     made.stiffen()
@@ -141,7 +141,7 @@ def test_a_joint_without_stiffness_is_left_alone_and_starts_where_it_lies(stage:
     stage.run(0.1)
     stage.motion.joints.set_target(joint("HeadYaw"), 1.0, 1.0)
     before = stage.robot.now
-    stage.robot.show("Device/SubDeviceList/HeadYaw/Position/Sensor/Value", 0.7)  # somebody turns it
+    stage.robot.show("Device/SubDeviceList/HeadYaw/Position/Sensor/Value", 0.7)  # a person turns it
     stage.run(0.5)
     assert angle_key("HeadYaw") not in stage.robot.written(before)
     stage.motion.joints.stiffness[joint("HeadYaw")] = 1.0
@@ -291,7 +291,7 @@ def test_the_living_head_looks_around_and_no_farther_than_said(stage: Stage) -> 
     assert len({round(value, 4) for value in yaw[::400]}) > 3
 
 
-def test_closing_lets_go_whoever_waits(stage: Stage) -> None:
+def test_closing_releases_waiting_callers(stage: Stage) -> None:
     task = stage.add(interpolation("HeadYaw", (100.0, 1.0)))
     results: list[bool] = []
     time = VirtualTime()

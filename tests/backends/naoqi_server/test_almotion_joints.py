@@ -95,9 +95,9 @@ def test_other_values_are_refused(call: Callable[[], object]) -> None:
 
 @examples(25)
 @given(st.lists(st.floats(0.0, 1.0), min_size=17, max_size=17))
-def test_parts_are_where_the_controllers_model_has_them(shares: list[float]) -> None:
+def test_parts_are_where_the_controllers_model_has_them(fractions: list[float]) -> None:
     """Against Pinocchio on the same URDF."""
-    angles = CONFIG.lower + np.array(shares) * (CONFIG.upper - CONFIG.lower)
+    angles = CONFIG.lower + np.array(fractions) * (CONFIG.upper - CONFIG.lower)
     for name in CONFIG.joint_names:
         if name in CONFIG.hands.joints:
             continue
@@ -179,7 +179,7 @@ def test_waking_up_stiffens_then_stands_and_rest_is_the_way_back() -> None:
     assert all(robot.value(hardness_key(name)) == 1.0 for name in CONFIG.joint_names)
     stiffness = "Device/SubDeviceList/WheelB/Stiffness/Actuator/Value"
     assert robot.value(stiffness) == 1.0
-    # It rose in a ramp: no step of the stiffness was larger than its share of the time.
+    # It rose in a ramp: no step of the stiffness was larger than its fraction of the time.
     steps = np.diff(robot.sent[hardness_key("HipPitch")])
     assert 0 < steps.max() < 2.1 * 0.02 / SETTINGS.stiffness_ramp
 

@@ -59,9 +59,9 @@ def test_a_bezier_with_handles_of_a_third_is_the_cubic_it_says() -> None:
         Point(time=2.0, value=1.0, before=(-0.5, 0.0)),
     ]
     curve = Bezier(0.0, points)
-    for share in (0.1, 0.5, 0.8):
-        expected = 3 * share**2 - 2 * share**3
-        assert curve.at(0.5 + 1.5 * share) == pytest.approx(expected, abs=1e-6)
+    for fraction in (0.1, 0.5, 0.8):
+        expected = 3 * fraction**2 - 2 * fraction**3
+        assert curve.at(0.5 + 1.5 * fraction) == pytest.approx(expected, abs=1e-6)
 
 
 @given(

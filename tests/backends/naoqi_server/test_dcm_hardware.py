@@ -176,7 +176,7 @@ def test_registers_that_mirror_their_actuator(bench: Bench) -> None:
     assert bench.value("Platform/LaserSensor/Left/Reg/OperationMode/Sensor/Value") == 0.0
 
 
-def test_a_push_on_a_bumper_is_felt(bench: Bench) -> None:
+def test_a_push_on_a_bumper_is_detected(bench: Bench) -> None:
     bench.body.backend.push("Tibia", np.array([-30.0, 0, 0]), np.array([0.129, 0.227, -0.264]))
     bench.run(20)
     assert bench.value("Platform/FrontLeft/Bumper/Sensor/Value") == 1.0
@@ -200,7 +200,7 @@ def test_pressed_sensors_are_published_and_let_go() -> None:
     assert not values.any()
 
 
-def test_a_share_of_the_samples_is_dropped() -> None:
+def test_a_fraction_of_the_samples_is_dropped() -> None:
     """In place of each of them the one before is shown, which may be shown for longer."""
     keys = table_keys(ROBOT, DEVICES)
     faults = RobotFaults(ROBOT, keys)

@@ -58,7 +58,7 @@ def test_a_request_and_its_answer(table: Table, ends: tuple[socket.socket, socke
     assert asked[0]["arguments"] == arguments
 
 
-def test_the_answer_to_somebody_who_died_is_not_taken_for_ours(
+def test_the_answer_to_a_caller_that_died_is_not_taken_for_ours(
     table: Table, ends: tuple[socket.socket, socket.socket]
 ) -> None:
     link = RobotClient(table, ends[0], {"a": 0}, frozenset({"a"}))

@@ -1,4 +1,4 @@
-"""The robot goes on whatever happens to NAOqi, and nothing outlives whoever started it."""
+"""The robot goes on whatever happens to NAOqi, and nothing outlives the process that started it."""
 
 import gc
 import os
@@ -128,7 +128,7 @@ def test_a_killed_client_is_no_matter(stand_in: StandIn) -> None:
         assert session.service("DCM").getTime(0) != 0
 
 
-def test_orders_fail_in_one_line_when_the_robot_is_gone() -> None:
+def test_orders_fail_in_one_line_when_the_robot_has_ended() -> None:
     with StandIn() as stand_in, connected(stand_in.url) as session:
         stand_in.robot_process.kill()
         stand_in.robot_process.wait()
@@ -200,7 +200,7 @@ def test_both_end_when_their_owner_is_killed(stopped: bool) -> None:
     assert wait_until(lambda: not alive(robot) and not alive(naoqi))
 
 
-def test_the_robot_outlives_its_owner_for_as_long_as_told() -> None:
+def test_the_robot_outlives_its_owner_for_as_long_as_configured() -> None:
     owner = subprocess.Popen(
         [sys.executable, "-c", OWNER, "1.5", START_TIME], stdout=subprocess.PIPE
     )
@@ -234,5 +234,5 @@ def test_nothing_stays_open() -> None:
         stand_in.start_naoqi()
     assert len(stand_in.black_box()) > 0
     del stand_in
-    gc.collect()  # the table is mapped as long as somebody may look at the black box
+    gc.collect()  # the table is mapped as long as a caller may look at the black box
     assert len(os.listdir("/proc/self/fd")) <= before

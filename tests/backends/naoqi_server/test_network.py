@@ -122,7 +122,7 @@ def test_each_way_takes_its_delay_and_a_new_network_holds_at_once(
         assert min(round_trip() for _ in range(20)) < 0.1
 
 
-def test_a_blocked_link_tells_nobody_and_delivers_all_when_it_opens(make_proxy: Starter) -> None:
+def test_a_blocked_link_is_silent_and_delivers_all_when_it_opens(make_proxy: Starter) -> None:
     """Bytes of another link come meanwhile."""
     proxy = make_proxy()
     with connect(proxy) as connection, connect(make_proxy()) as other:
@@ -144,16 +144,16 @@ def test_a_cut_link_closes_what_there_is_and_refuses_new(make_proxy: Starter) ->
         connection.sendall(b"a")
         assert read(connection, 1) == b"a"
         proxy.link("cut")
-        assert gone(connection)
+        assert closed(connection)
     with connect(proxy) as connection:
-        assert gone(connection)
+        assert closed(connection)
     proxy.link("open")
     with connect(proxy) as connection:
         connection.sendall(b"b")
         assert read(connection, 1) == b"b"
 
 
-def gone(connection: socket.socket) -> bool:
+def closed(connection: socket.socket) -> bool:
     """Wait for what comes; return True if it is the end of the connection."""
     try:
         return connection.recv(1) == b""
@@ -163,12 +163,12 @@ def gone(connection: socket.socket) -> bool:
 
 def test_who_connects_while_no_server_listens_is_disconnected() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        nobody = listener.getsockname()[:2]
-    with NetworkProxy(nobody) as proxy, connect(proxy) as connection:
-        assert gone(connection)
+        address = listener.getsockname()[:2]
+    with NetworkProxy(address) as proxy, connect(proxy) as connection:
+        assert closed(connection)
 
 
-def test_mistakes_are_told(make_proxy: Starter) -> None:
+def test_mistakes_are_reported(make_proxy: Starter) -> None:
     proxy = make_proxy()
     with pytest.raises(BackendError, match=r"cannot listen on 127.0.0.1:\d+ .*another port"):
         make_proxy(port=proxy.address[1])
@@ -180,11 +180,11 @@ def test_mistakes_are_told(make_proxy: Starter) -> None:
         proxy.link("open")
 
 
-def test_the_process_ends_when_its_owner_is_gone(make_proxy: Starter) -> None:
+def test_the_process_ends_when_its_owner_has_ended(make_proxy: Starter) -> None:
     """Its only bond is the pipe: whatever kills the owner closes that."""
     proxy = make_proxy()
     connection = connect(proxy)
     proxy._end.close()
     assert proxy._process.wait(20.0) == 0
-    assert gone(connection)
+    assert closed(connection)
     connection.close()

@@ -1,4 +1,4 @@
-"""Hands on the stand-in's robot from another process, and what it tells of itself for a picture."""
+"""Hands on the stand-in's robot from another process, and the state that it reports for a picture."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def robot() -> Iterator[VirtualNaoqi]:
 
 
 def hold(robot: VirtualNaoqi, hand: RemoteHand, way: list[float], seconds: float) -> None:
-    """Move a hand to a place beside where it is, again and again."""
+    """Move a hand to a place next to where it is, again and again."""
     goal = hand.point + way
     for _ in range(round(seconds / 0.1)):
         hand.move(goal)
@@ -46,7 +46,7 @@ def test_its_force_is_that_of_its_spring_and_the_truth_has_it(robot: VirtualNaoq
     assert contact.force == pytest.approx(hand.force, abs=0.2)
 
 
-def test_its_force_stays_within_what_it_is_told(robot: VirtualNaoqi) -> None:
+def test_its_force_stays_within_its_limit(robot: VirtualNaoqi) -> None:
     hand = robot.robot.take_hand("torso", None, stiffness=1000.0, max_force=60.0)
     robot.time.sleep(CYCLE)
     goal = hand.point + np.array([0.1, 0.0, 0.0])
@@ -57,7 +57,7 @@ def test_its_force_stays_within_what_it_is_told(robot: VirtualNaoqi) -> None:
 
 
 def test_who_falls_silent_lets_go(robot: VirtualNaoqi) -> None:
-    """As when the program that moves it was killed: nobody else would open the hand."""
+    """As when the program that moves it was killed: no other program would open the hand."""
     hand = robot.robot.take_hand("torso", None, stiffness=1000.0, max_force=60.0)
     hold(robot, hand, [0.03, 0.0, 0.0], 1.0)
     assert robot.robot.look().contacts

@@ -79,7 +79,7 @@ def test_a_sample_is_of_one_cycle_while_another_process_writes(file: int) -> Non
     assert values.min() == values.max()
 
 
-def test_a_writer_that_stopped_in_the_middle_holds_nobody_up(file: int) -> None:
+def test_a_writer_that_stopped_in_the_middle_blocks_no_reader(file: int) -> None:
     writer = Table(file, 2, ROBOT)
     writer.publish([1.0, 1.0])
 

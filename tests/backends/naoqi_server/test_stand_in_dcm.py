@@ -101,9 +101,9 @@ def test_the_clock_rolls_over_without_a_trace(origin: int, given_orders: Sequenc
 
 @given(given_orders=orders)
 def test_nothing_beyond_what_was_ordered_is_sent(given_orders: Sequence[Order]) -> None:
-    told = [0.0] + [value for _, _, its in given_orders for value, _ in its]
+    commanded = [0.0] + [value for _, _, its in given_orders for value, _ in its]
     for value in played(given_orders):
-        assert min(told) - 1e-9 <= value <= max(told) + 1e-9
+        assert min(commanded) - 1e-9 <= value <= max(commanded) + 1e-9
 
 
 @given(its=commands.filter(bool), update=st.sampled_from(UPDATE_TYPES))

@@ -31,8 +31,8 @@ from pepper_driver.config import ConfigError, PepperError, UnknownNameError
 def test_a_command_line_says_it_all(
     text: str, name: str, arguments: dict[str, object], seconds: float, after: float
 ) -> None:
-    wanted = InjectedFault(name=name, arguments=arguments, seconds=seconds, after=after)  # type: ignore[arg-type]
-    assert parse_fault(text) == wanted
+    expected = InjectedFault(name=name, arguments=arguments, seconds=seconds, after=after)  # type: ignore[arg-type]
+    assert parse_fault(text) == expected
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,7 @@ def outside(service: Callable[[str], Any]) -> Iterator[Any]:
     made.clearFaults()
 
 
-def heard(service: Callable[[str], Any], *events: str) -> list[tuple[str, Any]]:
+def record_events(service: Callable[[str], Any], *events: str) -> list[tuple[str, Any]]:
     """A list that grows with the events as they are raised."""
     log: list[tuple[str, Any]] = []
     for event in events:
@@ -76,7 +76,7 @@ def heard(service: Callable[[str], Any], *events: str) -> list[tuple[str, Any]]:
 log_keeps: list[Any] = []
 
 
-def told(log: list[tuple[str, Any]], event: str) -> list[Any]:
+def values_of(log: list[tuple[str, Any]], event: str) -> list[Any]:
     """The values of one event."""
     return [value for name, value in log if name == event]
 
@@ -106,7 +106,7 @@ def test_a_move_ends_at_its_goal(stand_in: StandIn, motion: Any) -> None:
     assert np.hypot(*(end - start)[:2]) == pytest.approx(0.3, abs=0.02)
 
 
-def test_a_blocking_move_holds_up_nobody(motion: Any) -> None:
+def test_a_blocking_move_holds_up_no_other_call(motion: Any) -> None:
     moving = motion.moveTo(FAR, 0.0, 0.0, _async=True)
     waits = [motion.waitUntilMoveIsFinished(_async=True) for _ in range(10)]
     assert wait_until(motion.moveIsActive)
@@ -156,7 +156,7 @@ def test_blocking_motions_can_be_killed(motion: Any) -> None:
         ("setFallManagerEnabled", ("no",), "true or false"),
     ],
 )
-def test_mistakes_are_told_in_a_line(
+def test_mistakes_are_reported_in_a_line(
     motion: Any, method: str, arguments: tuple[Any, ...], words: str
 ) -> None:
     with pytest.raises(RuntimeError, match=words) as caught:
@@ -251,7 +251,7 @@ def test_a_living_robot_writes_by_itself(
     stand_in: StandIn, motion: Any, service: Callable[[str], Any]
 ) -> None:
     life = service("ALAutonomousLife")
-    states = heard(service, "AutonomousLife/State")
+    states = record_events(service, "AutonomousLife/State")
     quiet(motion)
     life.setState("solitary")
     quiet(motion)
@@ -269,7 +269,7 @@ def test_a_living_robot_writes_by_itself(
 
 
 def test_bumpers_stop_a_move(motion: Any, outside: Any, service: Callable[[str], Any]) -> None:
-    failed = heard(service, "ALMotion/MoveFailed")
+    failed = record_events(service, "ALMotion/MoveFailed")
     motion.wakeUp()  # its protection on again
     moving = motion.moveTo(FAR, 0.0, 0.0, _async=True)
     assert wait_until(motion.moveIsActive)
@@ -295,19 +295,21 @@ def test_postures(motion: Any, service: Callable[[str], Any]) -> None:
         posture.goToPosture("Sit", 0.5)
 
 
-def test_speech_takes_its_time_and_tells_its_events(service: Callable[[str], Any]) -> None:
+def test_speech_takes_its_time_and_raises_its_events(service: Callable[[str], Any]) -> None:
     tts = service("ALTextToSpeech")
     started, done, status = (
         f"ALTextToSpeech/{event}" for event in ("TextStarted", "TextDone", "Status")
     )
-    events = heard(service, started, done, status)
+    events = record_events(service, started, done, status)
     begin = time.monotonic()
     tts.say("I stand in for others")
     assert time.monotonic() - begin > 1.2
-    ends = [(started, 0), (done, 1)]  # qi tells each on a thread of its own, in any order
+    ends = [(started, 0), (done, 1)]  # qi reports each on a thread of its own, in any order
     assert wait_until(lambda: all(event in events for event in ends))
     long = [tts.say("word " * 2000, _async=True) for _ in range(2)]
-    assert wait_until(lambda: [state for _, state in told(events, status)].count("enqueued") == 3)
+    assert wait_until(
+        lambda: [state for _, state in values_of(events, status)].count("enqueued") == 3
+    )
     tts.stopAll()
     assert wait_until(lambda: not any(future.isRunning() for future in long))
     with pytest.raises(RuntimeError, match="English"):
@@ -350,14 +352,14 @@ def test_touch_can_be_ended(stand_in: StandIn, outside: Any, service: Callable[[
     )
     outside.clearFaults()
     assert wait_until(lambda: not any(down for _, down in touch.getStatus()))
-    events, memory = heard(service, "TouchChanged", "My/Other"), service("ALMemory")
+    events, memory = record_events(service, "TouchChanged", "My/Other"), service("ALMemory")
     touch.exit()
     outside.setFault("press", {"sensors": "Head/Touch/Front"})
     assert wait_until(lambda: memory.getData(PREFIX + "Head/Touch/Front/Sensor/Value") == 1.0)
     let_cycles_pass(stand_in)
     memory.raiseEvent("My/Other", 1)
-    assert wait_until(lambda: told(events, "My/Other") == [1])
-    assert told(events, "TouchChanged") == []
+    assert wait_until(lambda: values_of(events, "My/Other") == [1])
+    assert values_of(events, "TouchChanged") == []
 
 
 def test_what_a_ros_driver_asks_for_at_its_start(

@@ -72,7 +72,7 @@ def until_ready(process: "subprocess.Popen[str]") -> None:
 
 
 def said(outside: Any, service: str) -> list[list[Any]]:
-    """Method and arguments of what a service was told to do."""
+    """Method and arguments of the calls of a service."""
     return [list(entry[2:]) for entry in outside.record() if entry[1] == service]
 
 

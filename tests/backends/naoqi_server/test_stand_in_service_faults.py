@@ -51,7 +51,7 @@ def make(*texts: str, clock: Clock = MONOTONIC_CLOCK) -> tuple[ServiceFaults, Cl
 
 
 def test_calls_of_the_stand_in_itself_pass() -> None:
-    """Else nobody could clear a stall of all services."""
+    """Else no caller could clear a stall of all services."""
     faults, _ = make("stall", "error:calls=")
     assert Client("StandIn", Memory(), faults).getData("a/Value") == 1.0
 

@@ -74,7 +74,7 @@ def test_the_clock_and_the_samples_go_at_the_pace_of_time(dcm: Any, memory: Any)
     assert wrapped(newest - sample) % 12 == 0, "dates are those of cycles"
 
 
-def test_an_alias_tells_which_actuators_do_not_exist(dcm: Any) -> None:
+def test_an_alias_names_actuators_that_do_not_exist(dcm: Any) -> None:
     asked = ["HeadYaw/Position/Actuator/Value", HEAD, "Tail/Position/Actuator/Value"]
     assert dcm.createAlias(["some", asked]) == ["some", [*asked[:2], ""]]
     sensor = f"{PREFIX}HeadYaw/Position/Sensor/Value"
@@ -179,14 +179,14 @@ def test_the_robot_overwrites_what_is_put_under_its_keys(memory: Any) -> None:
 
 
 def test_events(memory: Any) -> None:
-    heard: list[object] = []
+    received: list[object] = []
     subscriber = memory.subscriber("My/Event")
-    link = subscriber.signal.connect(heard.append)
+    link = subscriber.signal.connect(received.append)
     memory.raiseEvent("My/Event", [1, "a"])
     memory.insertData("My/Event", "no event")
-    assert wait_until(lambda: heard == [[1, "a"]]), heard
+    assert wait_until(lambda: received == [[1, "a"]]), received
     memory.raiseMicroEvent("My/Event", 2.5)
-    assert wait_until(lambda: heard == [[1, "a"], 2.5]), heard
+    assert wait_until(lambda: received == [[1, "a"], 2.5]), received
     assert memory.getData("My/Event") == 2.5
     subscriber.signal.disconnect(link)
     memory.declareEvent("My/Declared")
@@ -198,36 +198,36 @@ def test_events(memory: Any) -> None:
 
 def test_methods_of_services_as_listeners(session: Any, memory: Any) -> None:
     """The old way: a service of the client is called by name."""
-    heard: list[tuple[object, ...]] = []
+    received: list[tuple[object, ...]] = []
 
     class Listener:
-        def hear(self, name: str, value: object, message: str) -> None:
-            heard.append((name, value, message))
+        def on_event(self, name: str, value: object, message: str) -> None:
+            received.append((name, value, message))
 
     number = session.registerService("Test-Listener", Listener())
-    memory.subscribeToEvent("My/Old", "Test-Listener", "hear")
-    memory.subscribeToMicroEvent("My/Micro", "Test-Listener", "word", "hear")
+    memory.subscribeToEvent("My/Old", "Test-Listener", "on_event")
+    memory.subscribeToMicroEvent("My/Micro", "Test-Listener", "word", "on_event")
     assert memory.getSubscribers("My/Old") == ["Test-Listener"]
     memory.raiseEvent("My/Old", 1)
     memory.raiseMicroEvent("My/Micro", 2)
-    assert wait_until(lambda: len(heard) == 2)
-    assert sorted(heard) == [("My/Micro", 2, "word"), ("My/Old", 1, "")]
+    assert wait_until(lambda: len(received) == 2)
+    assert sorted(received) == [("My/Micro", 2, "word"), ("My/Old", 1, "")]
     memory.unsubscribeToEvent("My/Old", "Test-Listener")
-    memory.subscribeToEvent("My/Old2", "Test-Listener", "hear")
+    memory.subscribeToEvent("My/Old2", "Test-Listener", "on_event")
     memory.raiseEvent("My/Old", 3)
     memory.raiseEvent("My/Old2", 4)
-    assert wait_until(lambda: len(heard) == 3)
-    assert heard[-1] == ("My/Old2", 4, "")
+    assert wait_until(lambda: len(received) == 3)
+    assert received[-1] == ("My/Old2", 4, "")
     session.unregisterService(number)
-    memory.raiseEvent("My/Old2", 5)  # nobody is there any more, and nobody minds
+    memory.raiseEvent("My/Old2", 5)  # no subscriber is left, and no error comes
 
 
 def test_sensors_raise_events(memory: Any, outside: Any) -> None:
-    heard: list[tuple[str, object]] = []
+    received: list[tuple[str, object]] = []
 
     def listen(name: str) -> Any:
         subscriber = memory.subscriber(name)
-        subscriber.signal.connect(lambda value: heard.append((name, value)))
+        subscriber.signal.connect(lambda value: received.append((name, value)))
         return subscriber
 
     names = ("FrontTactilTouched", "HandRightBackTouched", "BackBumperPressed", "TouchChanged")
@@ -235,27 +235,27 @@ def test_sensors_raise_events(memory: Any, outside: Any) -> None:
     outside.setFault("press", {"sensors": "Head/Touch/Front+Back"})
     pressed = {("FrontTactilTouched", 1.0), ("BackBumperPressed", 1.0)}
     touched = ("TouchChanged", [["Head/Touch/Front", True], ["Bumper/Back", True]])
-    assert wait_until(lambda: len(heard) == 3)
-    assert all(event in heard for event in (*pressed, touched))
+    assert wait_until(lambda: len(received) == 3)
+    assert all(event in received for event in (*pressed, touched))
     assert memory.getData("FrontTactilTouched") == 1.0
     outside.clearFaults()
-    assert wait_until(lambda: len(heard) == 6)
-    assert ("TouchChanged", [["Head/Touch/Front", False], ["Bumper/Back", False]]) in heard[3:]
+    assert wait_until(lambda: len(received) == 6)
+    assert ("TouchChanged", [["Head/Touch/Front", False], ["Bumper/Back", False]]) in received[3:]
     del subscribers
 
 
 def test_clicks_of_the_chest_button(memory: Any, outside: Any) -> None:
-    heard: list[str] = []
+    received: list[str] = []
     subscribers = []
     for name in ("Simple", "Double"):
         subscribers.append(memory.subscriber(f"ALChestButton/{name}ClickOccurred"))
-        subscribers[-1].signal.connect(lambda _, name=name: heard.append(name))
+        subscribers[-1].signal.connect(lambda _, name=name: received.append(name))
     for _ in range(2):
         outside.setFault("press", {"sensors": "ChestBoard/Button"})
         assert wait_until(lambda: memory.getData("ChestButtonPressed") == 1.0)
         outside.clearFaults()
         assert wait_until(lambda: memory.getData("ChestButtonPressed") == 0.0)
-    assert wait_until(lambda: heard in (["Double"], ["Simple", "Simple"])), heard
+    assert wait_until(lambda: received in (["Double"], ["Simple", "Simple"])), received
 
 
 def test_pushes_and_truth(outside: Any, stand_in: StandIn) -> None:
@@ -282,7 +282,7 @@ def test_pushes_and_truth(outside: Any, stand_in: StandIn) -> None:
     assert len(rows["position"][0]) == 17
 
 
-def test_calls_are_slow_when_told(dcm: Any, outside: Any) -> None:
+def test_calls_are_slow_when_requested(dcm: Any, outside: Any) -> None:
     outside.setFault("slow", {"calls": "DCM.getTime", "delay": 0.3})
     begin = time.monotonic()
     dcm.getTime(0)

@@ -1,4 +1,4 @@
-"""NAOqi 2.9's door: who has the token comes in, everybody else is told so and stays out."""
+"""NAOqi 2.9's door: a client with the token comes in, any other gets an error and stays out."""
 
 import socket
 import ssl
@@ -83,7 +83,7 @@ def test_who_has_the_token_comes_in(door: NetworkProxy) -> None:
 
 
 def test_all_services_go_through_the_door(door: NetworkProxy, qi_server: tuple[str, int]) -> None:
-    """The directory tells the server's own endpoint, which a client here could reach: it does not use it."""
+    """The directory gives the server's own endpoint, which a client here could reach: it does not use it."""
     client, past_the_door = session("nao", "a token"), session(None)
     client.connect(f"tcps://127.0.0.1:{door.address[1]}")
     past_the_door.connect(f"tcp://127.0.0.1:{qi_server[1]}")
@@ -159,6 +159,6 @@ def test_capabilities_are_read_as_qi_writes_them() -> None:
 
 
 @given(st.binary(max_size=200))
-def test_garbage_for_capabilities_admits_nobody(body: bytes) -> None:
+def test_garbage_for_capabilities_admits_no_client(body: bytes) -> None:
     found = read_capabilities(body)
     assert "auth_token" not in found or b"auth_token" in body

@@ -73,7 +73,7 @@ def test_a_robot_asleep_takes_no_stiffness(stand_in: StandIn, session: Any) -> N
 
 
 def test_a_disconnected_joint_shows_what_was_and_sinks(stand_in: StandIn, session: Any) -> None:
-    """The arm was held away from where it hangs; nobody sees it go there."""
+    """The arm was held away from where it hangs; no sample shows it go there."""
     order(session, GOAL, 0.5)
     order(session, HARDNESS, 1.0)
     assert wait_until(lambda: abs(stand_in.black_box(1).position[0, PLACE] - 0.5) < 0.05)
@@ -100,7 +100,7 @@ def test_a_disconnected_joint_shows_what_was_and_sinks(stand_in: StandIn, sessio
         ("value:Platform/ILS/Sensor/Value,1", PREFIX + "Platform/ILS/Sensor/Value", 1.0),
     ],
 )
-def test_sensors_show_what_they_are_told(
+def test_sensors_show_the_injected_values(
     stand_in: StandIn, session: Any, fault: str, shows: str, value: float
 ) -> None:
     memory = session.service("ALMemory")

@@ -74,7 +74,7 @@ def wander(control: WholeBodyController, ticks: int, *, reach: float = 0.4) -> l
     return references
 
 
-def largest_difference(one: list[Reference], two: list[Reference]) -> float:
+def max_difference(one: list[Reference], two: list[Reference]) -> float:
     """Largest difference of the joint positions [rad]."""
     return max(float(np.abs(a.position - b.position).max()) for a, b in zip(one, two, strict=True))
 
@@ -95,7 +95,7 @@ def test_daqp_solves_the_controllers_problems_exactly() -> None:
 
 def test_osqp_takes_the_same_path_with_five_tasks_for_thirty_seconds() -> None:
     exact, other = (wander(five_tasks(solver), THIRTY_SECONDS) for solver in ("daqp", "osqp"))
-    assert largest_difference(exact, other) < 1e-6
+    assert max_difference(exact, other) < 1e-6
     loads = [np.abs(a.load_torque - b.load_torque).max() for a, b in zip(exact, other, strict=True)]
     assert max(loads) < 1e-4
 
@@ -105,7 +105,7 @@ def test_the_unit_of_the_weights_of_five_tasks_does_not_matter(solver: str, erro
     expected = wander(five_tasks(solver), TEN_SECONDS)
     for scale in (1e-4, 1e-2, 1e2, 1e4):
         scaled = wander(five_tasks(solver, scale), TEN_SECONDS)
-        assert largest_difference(expected, scaled) < error
+        assert max_difference(expected, scaled) < error
 
 
 # -- many problems ----------------------------------------------------------------------------------------------

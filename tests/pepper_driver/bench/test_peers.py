@@ -1,4 +1,4 @@
-"""The controller beside those of other projects: all do the same task, or their times say nothing."""
+"""The controller compared with those of other projects: all do the same task, or their times say nothing."""
 
 import importlib.util
 import json
@@ -15,10 +15,10 @@ PEERS = all(importlib.util.find_spec(name) for name in ("pink", "mink"))
 
 
 def test_our_controller_alone_is_measured() -> None:
-    shares: list[float] = []
-    result = run_peer_bench(6.0, peers=False, on_progress=shares.append)
+    fractions: list[float] = []
+    result = run_peer_bench(6.0, peers=False, on_progress=fractions.append)
     assert result.ticks == 600
-    assert shares == [0.5, 1.0]
+    assert fractions == [0.5, 1.0]
     assert set(result.times) == {"ours", "ours_with_bodies"}
     ours = result.times["ours"]
     assert 0 < ours.median <= ours.p99
@@ -33,7 +33,7 @@ def test_our_controller_alone_is_measured() -> None:
 
 
 @pytest.mark.skipif(not PEERS, reason="needs the peers extra")
-def test_the_peers_are_measured_beside_it(
+def test_the_peers_are_measured_next_to_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "figures.json"

@@ -12,16 +12,16 @@ from pepper_driver.bench.soak import GOAL_PERIOD, run_soak
 from pepper_driver.cli.app import app
 
 
-def test_the_shipped_plant_stays_finite_and_calm() -> None:
-    shares: list[float] = []
-    result = run_soak("mujoco", 4 * GOAL_PERIOD, seed=3, on_progress=shares.append)
+def test_the_shipped_plant_stays_finite_and_quiet() -> None:
+    fractions: list[float] = []
+    result = run_soak("mujoco", 4 * GOAL_PERIOD, seed=3, on_progress=fractions.append)
     assert result.finite
     assert not result.fallen
     assert result.seconds == pytest.approx(4 * GOAL_PERIOD, abs=0.02)
     # Arms of a few kilograms at no more than a few radians per second: some joules, never tens.
     assert all(0.001 < energy < 10.0 for energy in result.largest_energy)
-    assert shares == sorted(shares)
-    assert len(shares) >= 4
+    assert fractions == sorted(fractions)
+    assert len(fractions) >= 4
     plant = make_backend("mujoco").plant.config
     assert plant is not None
     start = plant.battery.charge

@@ -14,9 +14,9 @@ def test_the_memory_is_not_that_of_the_process_that_measures(
 ) -> None:
     monkeypatch.setattr(startup, "RUNS", 1)
     ballast = np.ones(80_000_000)  # 640 MB
-    shares: list[float] = []
-    result = run_startup_bench(on_progress=shares.append)
-    assert shares == [1.0]
+    fractions: list[float] = []
+    result = run_startup_bench(on_progress=fractions.append)
+    assert fractions == [1.0]
     assert 50.0 < result.memory_mb < 1e-6 * ballast.nbytes
     assert 0.01 < result.cli_help_s < result.import_s, "help needs no numerics"
     assert 0.0 < result.start_s < 60.0

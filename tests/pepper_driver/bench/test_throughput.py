@@ -24,7 +24,7 @@ def test_the_best_of_the_runs_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(throughput, "_identify", lambda: 60.0)
     monkeypatch.setattr(throughput, "_evaluate", lambda: 90.0)
     monkeypatch.setattr(os, "times", lambda: (float(next(clock)), 0.0, 0.0, 0.0, 1e9))
-    shares: list[float] = []
-    result = run_throughput_bench(on_progress=shares.append)
+    fractions: list[float] = []
+    result = run_throughput_bench(on_progress=fractions.append)
     assert (result.identify, result.evaluate) == (6.0, 9.0)
-    assert shares == pytest.approx([tenth / 10 for tenth in range(1, 11)])
+    assert fractions == pytest.approx([tenth / 10 for tenth in range(1, 11)])

@@ -1,4 +1,4 @@
-"""The commands as recorded: figures against made-up runs with known answers, and plants that are told apart by them."""
+"""The commands as recorded: results against made-up runs with known answers, and plants that differ in them."""
 
 from dataclasses import replace
 from typing import Any
@@ -52,7 +52,7 @@ def test_a_trapezoid_goes_at_constant_speed_between_its_ramps() -> None:
 
 
 def test_the_protocol_is_as_fast_as_the_recordings() -> None:
-    """RShoulderPitch is told 4.5 rad/s at the 90th percentile and about 12 rad/s at most."""
+    """RShoulderPitch is commanded 4.5 rad/s at the 90th percentile and about 12 rad/s at most."""
     rng = np.random.default_rng(0)
     index = ROBOT.joint_index("RShoulderPitch")
     span = ROBOT.upper[index] - ROBOT.lower[index]
@@ -84,12 +84,12 @@ def made_up(
     droop: float = 0.0,
     ratio: float = 1.0,
     creep: float = 0.0,
-    stray: float = 0.0,
+    drift: float = 0.0,
     jump: float = 0.0,
 ) -> GoalRun:
     """A run of one joint that answers exactly: late by ``delay`` ticks, resting off by ``side`` [rad] and by gravity.
 
-    ``droop`` [rad/(N m)], ``ratio`` of current to gravity, ``creep`` [A/s], ``stray`` [rad] without current in every
+    ``droop`` [rad/(N m)], ``ratio`` of current to gravity, ``creep`` [A/s], ``drift`` [rad] without current in every
     fifth hold, ``jump`` of the current in every move [A].
     """
     rng = np.random.default_rng(1)
@@ -108,8 +108,8 @@ def made_up(
         load = gravity_torque(ROBOT, NOMINAL, posture[None])[0, INDEX]
         error = side * np.sign(goal - here) + droop * load
         current = abs(ratio * load / CONSTANT)
-        if stray and number % 5 == 0:
-            error, current = stray, 0.0
+        if drift and number % 5 == 0:
+            error, current = drift, 0.0
         begins.append(len(rows))
         rows += [here + (goal - here) * k / move for k in range(1, move + 1)] + [goal] * wait
         ends.append(len(rows))
@@ -154,7 +154,7 @@ def test_droop_and_gravity_current_are_found() -> None:
     assert found.r2_gravity == pytest.approx(1.0)
     assert found.gravity_torque == pytest.approx(1.9, rel=1e-3)
     assert found.r2_current == pytest.approx(1.0, abs=1e-6)
-    # From below means to a higher goal: the side tells something of gravity too.
+    # From below means to a higher goal: the side depends on gravity too.
     assert found.r2_side < 0.6
 
 
@@ -168,7 +168,7 @@ def test_the_onsets_are_found() -> None:
 
 def test_errors_without_current_are_counted() -> None:
     assert figures_of(droop=0.01).without_current == 0.0
-    assert figures_of(droop=0.01, stray=0.03).without_current == pytest.approx(0.2)
+    assert figures_of(droop=0.01, drift=0.03).without_current == pytest.approx(0.2)
 
 
 def test_creeping_currents_are_counted() -> None:
@@ -237,7 +237,7 @@ def small_bench(name: str, count: int = 20) -> tuple[Any, Any]:
 
 
 def test_the_side_explains_less_on_the_recorded_plant_and_gravity_takes_more() -> None:
-    """Twenty goals are enough to tell it from nominal; how near it comes is measured by `pepper calibrate --check`."""
+    """Twenty goals distinguish it from nominal; how near it comes is measured by `pepper calibrate --check`."""
     found: dict[str, list[Any]] = {}
     for name in ("nominal", "recorded"):
         plant, runs = small_bench(name)

@@ -65,7 +65,7 @@ TRUE = {
     "RElbowRoll": DriveValues(stiffness=78.0, friction=0.5),
     "RWristYaw": DriveValues(stiffness=0.6, friction=0.004, dead_band=float(np.radians(0.4))),
 }
-"""A made-up robot; the wrist's stiffness is the shipped plant's, which no metric tells."""
+"""A made-up robot; the wrist's stiffness is the shipped plant's, which no metric shows."""
 
 
 def table(errors_deg: list[list[float]]) -> TrackingTable:
@@ -141,14 +141,14 @@ def test_a_table_of_the_closed_form_gives_its_values_and_delay_back(delay: int) 
     assert values["RWristYaw"].stiffness == pytest.approx(0.6, rel=1e-3)
 
 
-def test_holds_are_predicted_from_the_share_of_friction() -> None:
+def test_holds_are_predicted_from_the_ratio_to_friction() -> None:
     before = DriveValues(stiffness=100.0, friction=1.0)
-    load, share = np.array([2.0, -1.0, 0.3]), np.array([1.0, -0.5, -1.0])
-    error = (load + 1.0 * share) / 100.0
+    load, ratio = np.array([2.0, -1.0, 0.3]), np.array([1.0, -0.5, -1.0])
+    error = (load + 1.0 * ratio) / 100.0
     softer = DriveValues(stiffness=50.0, friction=0.5)
     band = replace(before, dead_band=0.01)
     found, current = predict_holds(before, [before, softer, band], error, load, 2.0)
-    motor = load + 0.5 * share
+    motor = load + 0.5 * ratio
     np.testing.assert_allclose(found[0], error)
     np.testing.assert_allclose(found[1], motor / 50.0)
     np.testing.assert_allclose(found[2], error + 0.01 * np.sign(error))
@@ -157,7 +157,7 @@ def test_holds_are_predicted_from_the_share_of_friction() -> None:
 
 def test_room_is_to_the_nearest_target() -> None:
     target = next(t for t in targets(REAL) if t.joint == "RElbowRoll")
-    found = score(ROBOT, target, target.largest_residual * 0.98, target.holds)
+    found = score(ROBOT, target, target.max_residual * 0.98, target.holds)
     assert found.room == pytest.approx(1.0)  # one standard deviation below the residual's limit
     far = replace(target.holds, median_deg=target.holds.median_deg * 1.5)
     assert score(ROBOT, target, 0.0, far).room == pytest.approx(0.0)
@@ -200,8 +200,8 @@ def test_an_integral_part_is_kept_in_the_file(tmp_path: Path) -> None:
 
 def test_the_fit_recovers_a_made_up_robot(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fit, "measure", model_bench)
-    told: list[float] = []
-    found = fit_pd(ROBOT, NOMINAL, synthetic(2), progress=told.append)
+    reported: list[float] = []
+    found = fit_pd(ROBOT, NOMINAL, synthetic(2), progress=reported.append)
     assert found.delay == 2
     for joint, true in TRUE.items():
         # Values are tried in steps, K by 4 %, F / K by 0.025 deg, the dead band by 0.1 deg: one makes up for another.
@@ -209,11 +209,11 @@ def test_the_fit_recovers_a_made_up_robot(monkeypatch: pytest.MonkeyPatch) -> No
         assert values.stiffness == pytest.approx(true.stiffness, rel=0.1), joint
         assert values.dead_band == pytest.approx(true.dead_band, abs=np.radians(0.11)), joint
         reach = np.degrees(values.friction / values.stiffness + values.dead_band)
-        wanted = np.degrees(true.friction / true.stiffness + true.dead_band)
-        assert reach == pytest.approx(wanted, abs=0.08), joint
+        expected = np.degrees(true.friction / true.stiffness + true.dead_band)
+        assert reach == pytest.approx(expected, abs=0.08), joint
         assert found.room[joint] > 2.0
         assert values_of(ROBOT, found.plant, joint) == values
-    assert told == sorted(told)
+    assert reported == sorted(reported)
 
 
 def test_a_fit_never_does_worse_than_its_start(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -221,23 +221,23 @@ def test_a_fit_never_does_worse_than_its_start(monkeypatch: pytest.MonkeyPatch) 
     poor = {joint: replace(v, stiffness=3 * v.stiffness) for joint, v in TRUE.items()}
     monkeypatch.setattr(fit, "choose", lambda *given: (poor, 3))
     start = with_values(ROBOT, NOMINAL, TRUE, 3)
-    told: list[float] = []
-    found = fit_pd(ROBOT, start, synthetic(3), progress=told.append)
+    reported: list[float] = []
+    found = fit_pd(ROBOT, start, synthetic(3), progress=reported.append)
     for joint in TRUE:
         assert found.values[joint] == values_of(ROBOT, start, joint)
-    assert told[-1] == pytest.approx(1.0)
+    assert reported[-1] == pytest.approx(1.0)
 
 
-def shares(joint: str) -> tuple[FloatArray, FloatArray]:
-    """Loads [N m] of made-up holds, and the shares of friction they stick at."""
+def ratios(joint: str) -> tuple[FloatArray, FloatArray]:
+    """Loads [N m] of made-up holds, and the ratios to friction they stick at."""
     rng = np.random.default_rng(list(TRUE).index(joint))
     size = 0.006 if joint == "RWristYaw" else 1.5 * TRUE[joint].friction
     return size * rng.uniform(-1, 1, 200), rng.choice([-1.0, 1.0], 200) * rng.uniform(0.6, 1.0, 200)
 
 
 def modelled_holds(joint: str, values: DriveValues) -> tuple[NDArray[Any], NDArray[Any]]:
-    load, share = shares(joint)
-    motor = load + values.friction * share
+    load, ratio = ratios(joint)
+    motor = load + values.friction * ratio
     error = motor / values.stiffness + values.dead_band * np.sign(motor)
     current = np.abs(motor) / ROBOT.motors.joint_torque_constant(joint)
     return error, current * (joint != "RWristYaw")
@@ -254,9 +254,9 @@ def model_bench(
             values_of(robot, plant, name),
             drag(robot, plant, name),
             plant.response_delay * robot.cycle,
-            wanted,
+            expected,
         )
-        for name, wanted in calibration.recordings.tables.items()
+        for name, expected in calibration.recordings.tables.items()
     }
     return BenchResult(
         tables=tables,
@@ -264,7 +264,7 @@ def model_bench(
             joints=tuple(TRUE),
             error=np.stack([error for error, _ in holds.values()], axis=1),
             current=np.stack([current for _, current in holds.values()], axis=1),
-            load=np.stack([shares(joint)[0] for joint in TRUE], axis=1),
+            load=np.stack([ratios(joint)[0] for joint in TRUE], axis=1),
         ),
     )
 
@@ -272,7 +272,7 @@ def model_bench(
 def synthetic(delay: int) -> Calibration:
     """Recordings of the made-up robot, to as many digits as there are."""
     plant = with_values(ROBOT, NOMINAL, TRUE, delay)
-    measured = model_bench(ROBOT, plant, REAL, 0, progress=lambda share: None)
+    measured = model_bench(ROBOT, plant, REAL, 0, progress=lambda fraction: None)
     tables = {}
     for name, real in REAL.recordings.tables.items():
         rows = np.zeros((len(real.torque), len(real.velocity)))
@@ -286,7 +286,7 @@ def report(**changes: Any) -> CalibrationReport:
     parts: dict[str, Any] = {
         "plant": "made-up",
         "law": "pd",
-        "measured": model_bench(ROBOT, NOMINAL, REAL, 0, progress=lambda share: None),
+        "measured": model_bench(ROBOT, NOMINAL, REAL, 0, progress=lambda fraction: None),
         "chases": ChaseReport(
             figures=REAL.recordings.chases.figures,
             false_contacts=FalseContacts(
@@ -361,18 +361,18 @@ def test_the_values_of_a_drive_are_those_at_the_joint(efficiency: float) -> None
     assert boards.stiffness[index] == pytest.approx(values_of(ROBOT, plant, joint).stiffness)
     full = MotorBoards(ROBOT, NOMINAL).torque_limit[index]
     assert boards.torque_limit[index] == pytest.approx(efficiency * full)
-    wanted = DriveValues(stiffness=77.0, friction=0.6)
-    changed = with_values(ROBOT, plant, {joint: wanted})
+    expected = DriveValues(stiffness=77.0, friction=0.6)
+    changed = with_values(ROBOT, plant, {joint: expected})
     assert values_of(ROBOT, changed, joint).stiffness == pytest.approx(77.0, rel=1e-3)
 
 
 def test_a_report_passes_when_every_limit_is_kept() -> None:
     same = synthetic(3)
     plant = with_values(ROBOT, NOMINAL, TRUE, 3)
-    measured = model_bench(ROBOT, plant, same, 0, progress=lambda share: None)
+    measured = model_bench(ROBOT, plant, same, 0, progress=lambda fraction: None)
     assert report(measured=measured, calibration=same).passed
     late = with_values(ROBOT, NOMINAL, TRUE, 6)
-    measured = model_bench(ROBOT, late, same, 0, progress=lambda share: None)
+    measured = model_bench(ROBOT, late, same, 0, progress=lambda fraction: None)
     assert not report(measured=measured, calibration=same).passed
 
 
@@ -472,7 +472,7 @@ def test_a_wrong_input_is_one_line_and_code_2(
 
 
 def test_hold_statistics_compare_like_with_like() -> None:
-    """The metrics of a report are the real ones beside those of the same joint."""
+    """The metrics of a report are the real ones next to those of the same joint."""
     metrics = {(f.joint, f.quantity): f for f in report().metrics}
     for joint, real in REAL.recordings.holds.items():
         assert isinstance(real, HoldStatistics)

@@ -163,7 +163,7 @@ def test_a_robot_is_found_again(
     assert content["delay_ticks"] == {"before": 3, "after": 5}
 
 
-def test_a_known_weight_tells_masses_from_motors() -> None:
+def test_a_known_weight_separates_masses_from_motors() -> None:
     """Arms of 1.5 times the mass, and gears that pass on less than all of the torque; the left hand was weighed."""
     true = {"LElbowRoll": 0.8, "LShoulderRoll": 0.7, "RElbowRoll": 0.6, "HeadPitch": 0.5}
     joints = {

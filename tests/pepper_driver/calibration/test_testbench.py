@@ -45,7 +45,7 @@ def test_ramps_show_lag_friction_load_and_transport(joint: str) -> None:
 
 
 def test_both_arms_show_the_same() -> None:
-    told: list[tuple[int, int]] = []
+    reported: list[tuple[int, int]] = []
     found = ramp_errors(
         ROBOT,
         plain(),
@@ -54,10 +54,10 @@ def test_both_arms_show_the_same() -> None:
         [0.6],
         RAMP,
         workers=1,
-        progress=lambda done, of: told.append((done, of)),
+        progress=lambda done, of: reported.append((done, of)),
     )
     assert found[0, 0] == pytest.approx(found[0, 1], abs=np.radians(0.01))
-    assert told == [(1, 1)]
+    assert reported == [(1, 1)]
 
 
 @pytest.mark.parametrize("onwards", [True, False])

@@ -17,7 +17,7 @@ from pepper_driver.testing import pressed
 from support.events import ROBOT, contact
 
 
-def test_what_is_pressed_at_the_start_is_told_when_it_is_let_go() -> None:
+def test_what_is_pressed_at_the_start_is_reported_when_it_is_let_go() -> None:
     quiet = MockBackend().open()
     edges = SensorEdges(ROBOT, pressed("bumpers", 2)(quiet))
     assert edges.step(pressed("bumpers", 2)(quiet)) == []

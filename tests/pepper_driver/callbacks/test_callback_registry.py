@@ -57,7 +57,7 @@ def test_without_parentheses_all_contacts_come_and_the_function_stays_what_it_is
 
 
 def test_a_limb_and_a_torque_choose_contacts() -> None:
-    """Both must hold; a contact that becomes so is told then."""
+    """Both must hold; a contact that becomes so is reported then."""
     pepper = make_pepper(
         {
             3: (contact(1, torque=2.5), contact(2, limb="right_arm", torque=-9.0)),
@@ -65,18 +65,18 @@ def test_a_limb_and_a_torque_choose_contacts() -> None:
             7: (contact(1, phase="update", torque=-4.0),),
         }
     )
-    heard: list[float | None] = []
+    received: list[float | None] = []
 
     @pepper.on_contact(limb=["left_arm", "head"], min_torque=3.0)
     def touched(event: Contact) -> None:
-        heard.append(event.torque)
+        received.append(event.torque)
 
     with pepper:
         pepper.run(10 * CYCLE)
-    assert heard == [-3.0]
+    assert received == [-3.0]
 
 
-def test_ticks_come_with_what_was_felt() -> None:
+def test_ticks_come_with_the_observation() -> None:
     pepper = make_pepper({3: (contact(1),)})
     ticks: list[TickEvent] = []
     third: list[int] = []
@@ -94,7 +94,7 @@ def test_ticks_come_with_what_was_felt() -> None:
     assert third == [1, 4, 7, 10]
 
 
-def test_sensors_tell_when_they_are_pressed_and_let_go() -> None:
+def test_sensors_report_when_they_are_pressed_and_let_go() -> None:
     """Bumper 1 for ticks 2 and 3, two sensors of the head in tick 5, the button, which stops the robot, in tick 7."""
     pepper = make_pepper(
         faults={
@@ -179,7 +179,7 @@ def reflex_event(name: str, phase: ReflexPhase = "begin") -> ReflexEvent:
     )
 
 
-def test_reflexes_are_told_by_kind_name_number_object_and_phase() -> None:
+def test_reflexes_are_reported_by_kind_name_number_object_and_phase() -> None:
     left, right = FollowHand(limb="left_arm"), FollowHand(limb="right_arm", name="right")
     reflexes = (left, right, Hold(), Hold(limb="head"))
     pepper = make_pepper(reflexes=reflexes)
@@ -202,8 +202,8 @@ def test_reflexes_are_told_by_kind_name_number_object_and_phase() -> None:
         session = pepper._session
         assert session is not None
         session._publish(TickRecord(tick=session.loop.tick().tick, events=events))
-    heard = {key: [event.reflex for event in events[::3]] for key, events in seen.items()}
-    assert heard == {
+    received = {key: [event.reflex for event in events[::3]] for key, events in seen.items()}
+    assert received == {
         "kind": ["follow_hand", "right"],
         "name": ["right"],
         "both": ["hold 1", "hold 2"],
@@ -225,7 +225,7 @@ def test_a_reflex_that_the_robot_does_not_have_is_refused() -> None:
         make_pepper().on_reflex(name="hold")
 
 
-def test_a_fault_in_a_tick_is_told_once() -> None:
+def test_a_fault_in_a_tick_is_reported_once() -> None:
     pepper = make_pepper(faults={3: aged(0.2)})
     faults: list[FaultEvent] = []
     pepper.on_fault()(faults.append)
@@ -238,22 +238,22 @@ def test_a_fault_in_a_tick_is_told_once() -> None:
     assert faults == [FaultEvent(fault=fault, time=3 * CYCLE)]
 
 
-def test_an_emergency_stop_is_told_before_anybody_ticks() -> None:
+def test_an_emergency_stop_is_reported_before_the_first_tick() -> None:
     pepper = make_pepper()
-    heard = threading.Event()
+    received = threading.Event()
     faults: list[FaultEvent] = []
 
     @pepper.on_fault()
     def stopped(event: FaultEvent) -> None:
         faults.append(event)
-        heard.set()
+        received.set()
 
     for _ in range(2):  # a new run has faults of its own
-        heard.clear()
+        received.clear()
         pepper.start()
         pepper.run(2 * CYCLE)
         pepper.emergency_stop()
-        assert heard.wait(LONG)
+        assert received.wait(LONG)
         with pytest.raises(FaultError, match="emergency stop"):
             pepper.stop()
     assert [event.fault.reason for event in faults] == [FaultReason.EMERGENCY_STOP] * 2
@@ -321,7 +321,7 @@ def test_a_tick_callback_gets_the_room_it_asks_for() -> None:
     assert (statistics.calls, statistics.dropped) == (3, 7)
 
 
-def test_what_is_registered_late_hears_from_then_on() -> None:
+def test_what_is_registered_late_is_called_from_then_on() -> None:
     pepper = make_pepper({1: (contact(1),), 3: (contact(3),)})
     seen: list[int] = []
     with pepper:
@@ -426,7 +426,7 @@ class Noting(MockBackend):
 
 
 def test_a_callback_may_close_the_robot() -> None:
-    """The tick under way ends first, and who runs it is told."""
+    """The tick under way ends first, and its thread gets the error."""
     pepper = make_pepper({3: (contact(1),)})
     order: list[str] = []
     closed = threading.Event()

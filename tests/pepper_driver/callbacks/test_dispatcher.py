@@ -72,7 +72,7 @@ def test_each_callback_has_a_thread_of_its_own_until_the_end() -> None:
     assert [s.dropped for s in dispatcher.statistics()] == [0, 0]
 
 
-def test_events_come_in_order_to_those_that_want_them(dispatcher: Dispatcher) -> None:
+def test_events_come_in_order_to_their_subscribers(dispatcher: Dispatcher) -> None:
     a, b = list[int](), list[int]()
     subscribe(dispatcher, lambda c: a.append(c.id))
     subscribe(dispatcher, lambda c: b.append(c.id), lambda c: c.id % 2 == 0)
@@ -207,22 +207,22 @@ def test_whatever_happens_events_are_handled_in_order_or_counted(
 ) -> None:
     dispatcher = Dispatcher()
     seen: list[list[int]] = []
-    wanted: list[list[int]] = []
+    expected: list[list[int]] = []
     for number, (step, rest, queue) in enumerate(steps):
         if step == "subscribe":
             mine = list[int]()
             seen.append(mine)
-            wanted.append([rest])
+            expected.append([rest])
             subscribe(dispatcher, collector(mine), at_least(rest), queue=queue)
         elif step == "flush":
             assert dispatcher.flush(LONG)
         else:
             dispatcher.publish(contact(number))
-            for hoped in wanted:
+            for hoped in expected:
                 if number % 4 >= hoped[0]:
                     hoped.append(number)
     assert dispatcher.close(LONG)
-    for mine, hoped, statistics in zip(seen, wanted, dispatcher.statistics(), strict=True):
+    for mine, hoped, statistics in zip(seen, expected, dispatcher.statistics(), strict=True):
         assert mine == sorted(mine)
         assert set(mine) <= set(hoped[1:])
         assert len(mine) + statistics.dropped == len(hoped) - 1
@@ -271,7 +271,7 @@ def test_statistics_count_calls_and_time(
     (statistics,) = dispatcher.statistics()
     assert statistics.name.endswith("tired")
     assert (statistics.calls, statistics.failures) == (3, 0)
-    assert (statistics.total_time, statistics.longest_time) == (2.75, 2.0)
+    assert (statistics.total_time, statistics.max_time) == (2.75, 2.0)
 
 
 def test_callback_may_publish_subscribe_and_flush(dispatcher: Dispatcher) -> None:
@@ -420,7 +420,7 @@ def test_signal_handlers_may_publish_and_flush_while_the_interrupted_thread_does
     assert statistics.calls + statistics.dropped == 20_000 + published
 
 
-def test_it_knows_its_callbacks_from_other_threads(dispatcher: Dispatcher) -> None:
+def test_it_distinguishes_its_callbacks_from_other_threads(dispatcher: Dispatcher) -> None:
     inside: list[bool] = []
     other = Dispatcher()
     for one in (dispatcher, other):

@@ -1,4 +1,4 @@
-"""Filters pick the events wanted, and refuse names and numbers that would never be heard."""
+"""Filters pick the requested events, and refuse names and numbers that no event can have."""
 
 from collections.abc import Callable
 from itertools import accumulate
@@ -25,7 +25,7 @@ LINK = ROBOT.links[-1]
 
 
 @pytest.mark.parametrize(
-    ("wanted", "fits", "fits_not"),
+    ("criteria", "fits", "fits_not"),
     [
         ({}, {"phase": "begin"}, {"phase": "update"}),
         ({"phase": None}, {"phase": "end"}, {"intensity_deg": -1.0}),
@@ -65,14 +65,14 @@ LINK = ROBOT.links[-1]
         ),
     ],
 )
-def test_contacts(wanted: dict[str, Any], fits: dict[str, Any], fits_not: dict[str, Any]) -> None:
-    predicate = contact_filter(ROBOT, **wanted)
+def test_contacts(criteria: dict[str, Any], fits: dict[str, Any], fits_not: dict[str, Any]) -> None:
+    predicate = contact_filter(ROBOT, **criteria)
     assert predicate(contact(**fits))
     assert not predicate(contact(**fits_not))
 
 
 @pytest.mark.parametrize(
-    ("wanted", "later"),
+    ("criteria", "later"),
     [
         ({"link": LINK}, {"link": LINK}),
         ({"joint": "RHand"}, {"joint": "RHand"}),
@@ -82,11 +82,11 @@ def test_contacts(wanted: dict[str, Any], fits: dict[str, Any], fits_not: dict[s
         ({"limb": "right_arm"}, {"limb": "right_arm"}),
     ],
 )
-def test_a_contact_is_told_once_it_is_as_described(
-    wanted: dict[str, Any], later: dict[str, Any]
+def test_a_contact_is_reported_once_it_is_as_described(
+    criteria: dict[str, Any], later: dict[str, Any]
 ) -> None:
     """The observer finds out where it is, and how strong, after its begin."""
-    predicate = contact_filter(ROBOT, **wanted)
+    predicate = contact_filter(ROBOT, **criteria)
     other = {"link": "elsewhere", "joint": None, "kind": "contact", "intensity_deg": 1.0}
     story = [
         ("begin", other, False),
@@ -100,12 +100,12 @@ def test_a_contact_is_told_once_it_is_as_described(
         ("begin", other, False),
         ("end", {**other, **later}, False),  # as described too late
     ]
-    for phase, values, told in story:
-        assert predicate(contact(phase=phase, **values)) == told
+    for phase, values, expected in story:
+        assert predicate(contact(phase=phase, **values)) == expected
 
 
 @pytest.mark.parametrize(
-    ("wanted", "hint"),
+    ("criteria", "hint"),
     [
         ({"limb": "left"}, "limb 'left' .*left_arm"),
         ({"joint": "LElbowRol"}, "joint 'LElbowRol' .*LElbowRoll"),
@@ -114,9 +114,9 @@ def test_a_contact_is_told_once_it_is_as_described(
         ({"phase": "start"}, "begin, end, update"),
     ],
 )
-def test_names_of_contacts_are_checked(wanted: dict[str, Any], hint: str) -> None:
+def test_names_of_contacts_are_checked(criteria: dict[str, Any], hint: str) -> None:
     with pytest.raises(UnknownNameError, match=hint):
-        contact_filter(ROBOT, **wanted)
+        contact_filter(ROBOT, **criteria)
 
 
 @pytest.mark.parametrize("intensity_deg", [-0.1, float("nan"), None, "3", [1.0]])
@@ -140,19 +140,19 @@ def after(number: int) -> TickEvent:
 
 @given(st.integers(1, 20), st.integers(1, 50), st.integers(0, 100))
 def test_one_tick_in_so_many(every: int, first: int, ticks: int) -> None:
-    wanted = tick_filter(every)
+    predicate = tick_filter(every)
     for _ in range(2):  # a new run counts from the beginning
         numbers = range(first, first + ticks)
-        picked = [number for number in numbers if wanted(after(number))]
+        picked = [number for number in numbers if predicate(after(number))]
         assert picked == list(numbers)[::every]
 
 
 @given(st.integers(1, 10), st.lists(st.integers(1, 30), min_size=1))
 def test_ticks_that_were_missed_delay_no_call(every: int, steps: list[int]) -> None:
-    wanted = tick_filter(every)
+    predicate = tick_filter(every)
     picked = 0
     for number in accumulate(steps):
-        assert wanted(after(number)) == (picked == 0 or number - picked >= every)
+        assert predicate(after(number)) == (picked == 0 or number - picked >= every)
         if picked == 0 or number - picked >= every:
             picked = number
 

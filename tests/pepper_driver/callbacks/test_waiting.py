@@ -76,7 +76,7 @@ def test_it_waits_for_any_of_several_limbs_and_for_a_torque() -> None:
             pepper.wait_for_contact(limb="head", link="LForeArm")
 
 
-def test_it_waits_no_longer_than_told_on_the_robots_clock() -> None:
+def test_it_waits_no_longer_than_its_timeout_on_the_robots_clock() -> None:
     pepper = make_pepper({10: (contact(1),), 21: (contact(2),)})
     with pepper:
         assert pepper.wait_for_contact(timeout=10 * CYCLE) == contact(1)  # in the last tick
@@ -117,7 +117,7 @@ def test_another_thread_waits_for_the_one_that_runs() -> None:
         assert waiting.join() == contact(3)  # in the last tick
 
 
-def until_somebody_waits(pepper: Pepper) -> None:
+def until_a_thread_waits(pepper: Pepper) -> None:
     end = time.monotonic() + LONG
     while not pepper._active().dispatcher.has_receiver(Contact):
         assert time.monotonic() < end
@@ -131,7 +131,7 @@ def test_its_own_thread_waits_while_another_runs() -> None:
     def hold_up(*_: object) -> None:
         if not inside.is_set():
             inside.set()
-            until_somebody_waits(pepper)
+            until_a_thread_waits(pepper)
 
     with pepper:
         runner = threading.Thread(target=lambda: pepper.run(50 * CYCLE, on_tick=hold_up))
@@ -154,14 +154,14 @@ def test_a_callback_may_wait() -> None:
     def hold_up(tick: object, _: object) -> None:
         ticks.append(tick)
         if len(ticks) == 2:
-            until_somebody_waits(pepper)
+            until_a_thread_waits(pepper)
 
     with pepper:
         pepper.run(50 * CYCLE, on_tick=hold_up)
     assert found == [contact(1)]
 
 
-def test_it_does_not_wait_for_a_robot_that_nobody_runs() -> None:
+def test_it_does_not_wait_for_a_robot_that_does_not_run() -> None:
     with make_pepper() as pepper:
         start = time.monotonic()
         waiting = Waiting(pepper, timeout=0.1)
@@ -425,7 +425,7 @@ def test_many_threads_lose_nothing() -> None:
     assert sorted(seen) == sorted(list(range(200)) * 4)
 
 
-def test_an_event_loop_that_is_gone_disturbs_nobody() -> None:
+def test_an_event_loop_that_has_ended_disturbs_no_other_caller() -> None:
     dispatcher = Dispatcher()
     loop = asyncio.new_event_loop()
     contacts = stream_contacts(dispatcher, lambda _: True)
@@ -441,7 +441,7 @@ def test_an_event_loop_that_is_gone_disturbs_nobody() -> None:
     assert seen == [contact(0), contact(1), contact(2)]
 
 
-def test_mistakes_are_told_when_it_is_called() -> None:
+def test_mistakes_are_reported_when_it_is_called() -> None:
     pepper = make_pepper()
     with pytest.raises(BackendError, match="with Pepper"):
         pepper.contacts()

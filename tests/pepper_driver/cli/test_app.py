@@ -210,7 +210,7 @@ def test_bench_of_whole_ticks(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 
 
 @pytest.mark.whole
-def test_bench_beside_callbacks(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_bench_with_callbacks(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "bench.json"
     assert run(["bench", "--callbacks", "--seconds", "2", "--json", str(path)]) == 0
     shown = capfd.readouterr()

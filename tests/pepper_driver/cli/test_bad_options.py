@@ -187,7 +187,7 @@ CASES: list[tuple[str, str]] = [
     ),
     (
         "identify --out folder --draws 0-3 --backend mujoco://?plant=random&draw=1",
-        "backend 'mujoco://?plant=random&draw=1': its draw says nothing beside a list of draws",
+        "backend 'mujoco://?plant=random&draw=1': its draw has no meaning next to a list of draws",
     ),
     (
         "identify --out folder --draws 100-119 --backend mujoco://?plant=random",
@@ -454,7 +454,7 @@ def test_it_is_one_line_and_code_2(
 
 
 def test_one_way_to_say_that_a_folder_is_a_folder(files: Path) -> None:
-    """The same words, whoever was to read or write it."""
+    """The same words for every program that reads or writes it."""
     for words in ("plot run.mcap --out folder", "log info folder", "demo --json folder"):
         assert message_of(words) in (
             "folder: cannot be written (it is a folder)",

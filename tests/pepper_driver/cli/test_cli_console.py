@@ -29,14 +29,14 @@ def test_a_line_for_each_tenth_with_the_time_that_remains() -> None:
     bars, clock = progress(count=False)
     bar = bars.add_task("moving", total=1.0)
     assert list(bars.lines()) == ["moving: 0%"]
-    for share, line in (
+    for fraction, line in (
         (0.05, []),
         (0.10, ["moving: 10%, about 90 s left"]),
         (0.19, []),
         (0.25, ["moving: 25%, about 75 s left"]),
     ):
-        clock.time = 100.0 + 100.0 * share  # 100 s in all
-        bars.update(bar, completed=share)
+        clock.time = 100.0 + 100.0 * fraction  # 100 s in all
+        bars.update(bar, completed=fraction)
         assert list(bars.lines()) == line
 
 

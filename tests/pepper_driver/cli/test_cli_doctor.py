@@ -15,7 +15,7 @@ from support.doctor import Patient, models_for, use
 
 @pytest.fixture
 def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Somebody could answer; keys are not read all the same."""
+    """A person could answer; keys are not read all the same."""
     monkeypatch.setattr(sys.stdin, "isatty", lambda: True)
     monkeypatch.setattr(
         "pepper_driver.recording.terminal_keys.StopKey.__enter__", lambda self: self
@@ -96,7 +96,7 @@ def test_without_a_terminal_nothing_begins(
 
 @pytest.mark.usefixtures("terminal")
 @pytest.mark.parametrize("answer", [True, False])
-def test_the_robot_moves_only_when_told_so(
+def test_the_robot_moves_only_with_the_option(
     answer: bool,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

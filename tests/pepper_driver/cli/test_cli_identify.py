@@ -251,7 +251,7 @@ def test_the_operator_is_asked_before_legs_and_base_move(
     assert [robot.calls[-1] for robot in made[1:]] == ["close"] * 4
 
     monkeypatch.setattr(sys, "stdin", io.StringIO(""))
-    assert run(["identify", *options]) == 130, "nobody answers"
+    assert run(["identify", *options]) == 130, "no one answers"
     assert run(["identify", *options, "--yes"]) == 0
     assert set(ModelSet.load(tmp_path / "m.json").models) == {"HeadPitch", "KneePitch"}
 

@@ -90,7 +90,7 @@ def test_a_log_of_another_robot_is_read_as_it_is(
     assert "did you mean MyRHand" in capsys.readouterr().err
 
 
-def test_export_goes_beside_the_log_once(
+def test_export_goes_next_to_the_log_once(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(["log", "export", str(log), "--format", "csv"]) == 0

@@ -147,8 +147,8 @@ def test_what_happens_is_printed_as_it_happens(
     options = ["--no-contacts", "--log", str(log), "--json", str(figures)]
     assert run(["run", str(path), *options]) == 0
     lines = lines_of(capsys)
-    told = [line.split(" s  ")[1] for line in lines if " s  " in line]
-    assert told == [
+    reported = [line.split(" s  ")[1] for line in lines if " s  " in line]
+    assert reported == [
         "step stand",
         "step say",
         "say: Touch me.",
@@ -167,7 +167,7 @@ def test_what_happens_is_printed_as_it_happens(
     assert read_log(log).complete
 
 
-def test_a_push_is_told_with_the_time_at_which_it_begins() -> None:
+def test_a_push_is_reported_with_the_time_at_which_it_begins() -> None:
     push = KnownPush(
         joint="LElbowRoll",
         link="LForeArm",
@@ -179,8 +179,8 @@ def test_a_push_is_told_with_the_time_at_which_it_begins() -> None:
         release=5.1,
         moving=False,
     )
-    told = PushEvent(link="LForeArm", text="pushed with 20.0 N", time=4.0, push=push)
-    assert event_text(told) == "push  LForeArm: from 4.30 s pushed with 20.0 N"
+    reported = PushEvent(link="LForeArm", text="pushed with 20.0 N", time=4.0, push=push)
+    assert event_text(reported) == "push  LForeArm: from 4.30 s pushed with 20.0 N"
     spared = PushEvent(link="LForeArm", text="left out: it is held", time=4.0, push=None)
     assert event_text(spared) == "push  LForeArm: left out: it is held"
 
@@ -191,23 +191,23 @@ def test_what_steps_with_tasks_reached_is_printed(
     path, log, figures = (tmp_path / name for name in ("short.yaml", "run.mcap", "figures.json"))
     path.write_text(SHORT)
     assert run(["run", str(path), "--log", str(log), "--json", str(figures)]) == 1
-    told = [line.split(" s  ")[1] for line in lines_of(capsys) if " s  " in line]
-    assert [text.split(":")[0] for text in told] == [
+    reported = [line.split(" s  ")[1] for line in lines_of(capsys) if " s  " in line]
+    assert [text.split(":")[0] for text in reported] == [
         "step look",
         "step look",
         "step far",
         "step far",
         "step back",
     ]
-    assert told[1].startswith("step look: 0.60 s: posture off by ")
-    assert told[3].startswith("step far: 0.36 s, NOT reached: position l_wrist off by ")
+    assert reported[1].startswith("step look: 0.60 s: posture off by ")
+    assert reported[3].startswith("step far: 0.36 s, NOT reached: position l_wrist off by ")
     content = json.loads(figures.read_text())
     assert [step["reached"] for step in content["steps"]] == [None, False, None]
     assert read_log(log).complete
     assert len(read_log(log)) == 130
 
 
-def test_a_contact_that_only_the_wheels_feel_has_no_degrees() -> None:
+def test_a_contact_that_only_the_wheels_detect_has_no_degrees() -> None:
     event = contact(joint=None, link="base_link", intensity_deg=0.0)
     assert event_text(event) == "contact base_link: begin, trunk +1, -"
 
@@ -242,10 +242,10 @@ def test_models_of_the_command_line_come_before_those_of_the_file(
     assert "identified on another robot than 'mock'" in capsys.readouterr().err
 
 
-def test_a_table_says_which_pushes_were_felt(
+def test_a_table_says_which_pushes_were_detected(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The second is too light for anybody."""
+    """The second is too light to be detected."""
     strong = PUSH | {"step": "rest", "force": [0.0, 20.0, 0.0], "start": 0.6, "duration": 1.0}
     light = PUSH | {"step": "rest", "link": "RForeArm", "joint": "RElbowRoll"}
     light |= {"xyz": [0.14, 0.0, 0.0], "force": [0.5, 0.0, 0.0], "start": 3.0}
@@ -255,8 +255,8 @@ def test_a_table_says_which_pushes_were_felt(
     lines = lines_of(capsys)
     assert "1 of 2 pushes detected, 0 false contacts" in lines
     rows = [line for line in lines if " N " in line and ("LBicep" in line or "RForeArm" in line)]
-    felt = next(row for row in rows if row.count("LBicep") == 3)
-    assert re.search(r"20\.0 N +│? *\d+ ms", felt)
+    detected = next(row for row in rows if row.count("LBicep") == 3)
+    assert re.search(r"20\.0 N +│? *\d+ ms", detected)
     assert any("0.5 N" in row and row.rstrip(" │┃|").endswith("-") for row in rows)
 
 

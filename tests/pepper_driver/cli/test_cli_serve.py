@@ -45,7 +45,7 @@ def children(pid: int) -> list[int]:
 @pytest.mark.parametrize(
     ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
 )
-def test_it_says_when_it_is_ready_and_ends_when_told(number: signal.Signals, code: int) -> None:
+def test_it_says_when_it_is_ready_and_ends_on_a_signal(number: signal.Signals, code: int) -> None:
     with served("--seed", "3", "--posture", "Crouch") as (process, line):
         match = re.fullmatch(r"ready on tcp://127\.0\.0\.1:(\d+)", line)
         assert match, line
@@ -72,7 +72,7 @@ def test_nothing_is_left_of_one_that_is_killed() -> None:
         assert wait_until(lambda: not any(os.path.exists(f"/proc/{pid}") for pid in pids), 10.0)
 
 
-def test_it_starts_naoqi_anew_and_ends_with_the_robot() -> None:
+def test_it_starts_naoqi_again_and_ends_with_the_robot() -> None:
     with served() as (process, line):
         assert line.startswith("ready")
         assert process.stdout is not None

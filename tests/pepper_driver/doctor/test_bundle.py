@@ -83,14 +83,14 @@ def test_nothing_in_it_says_whose_robot_it_is(
     monkeypatch.setattr("getpass.getuser", lambda: "anna.smith")
     use(monkeypatch, Owned())
     seen = examine(URI)
-    told = replace(
+    reported = replace(
         seen.results[0],
         found=f"{SERIAL} (NAOqi {VERSION}) at pepper-7.lab.example (10.0.12.7, fe80::1ff:fe23:4567:890a) refuses anna, "
         f"from annas-laptop, {Path.home()}/models.json",
     )
     path = tmp_path / "report.zip"
-    test = MotionTest(results=(told,), fits=())
-    write_bundle(path, URI, replace(seen, results=(told, *seen.results)), test)
+    test = MotionTest(results=(reported,), fits=())
+    write_bundle(path, URI, replace(seen, results=(reported, *seen.results)), test)
     text = b"\n".join(content(path).values()).decode("latin-1").lower()
     for secret in (
         SERIAL,

@@ -63,7 +63,7 @@ def test_a_robot_that_is_well_passes_and_was_never_moved(
     assert {o for n, o in statuses.items() if n not in unknown} == {OK}
     assert all(not result.remedy for result in examination.results)
     assert patient.calls == ["open", "close"]
-    assert not patient.commands, "it is read from, and told nothing"
+    assert not patient.commands, "it is read from, and gets no command"
 
 
 @pytest.mark.parametrize(
@@ -185,7 +185,7 @@ def test_a_robot_that_is_not_there_is_a_failure_with_a_cure(
     monkeypatch: pytest.MonkeyPatch, models: Path
 ) -> None:
     def refuse() -> None:
-        raise NotConnectedError("nobody at pepper.local")
+        raise NotConnectedError("no robot at pepper.local")
 
     examination = examined(monkeypatch, Patient(opens=refuse), models)
     assert [result.name for result in examination.results] == [
@@ -221,7 +221,7 @@ def test_models_of_another_robot_are_a_failure(
     assert examination.models is None
 
 
-def test_a_robot_without_models_is_told_so() -> None:
+def test_a_robot_without_models_is_reported() -> None:
     result = named(examine("mock"), "models")
     assert result.status is FAILED
     assert "no models come with the package for 'mock'" in result.found
@@ -280,7 +280,7 @@ def test_a_wrong_uri_is_no_result_but_an_error() -> None:
         examine("mujoco://?plant=worm")
 
 
-@pytest.mark.parametrize("progress", [None, lambda share: None])
+@pytest.mark.parametrize("progress", [None, lambda fraction: None])
 def test_the_simulated_robot_is_well(progress: Callable[[float], None] | None) -> None:
     examination = examine("mujoco://?seed=4", on_progress=progress)
     statuses = {result.status for result in examination.results}

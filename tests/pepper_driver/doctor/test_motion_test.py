@@ -52,9 +52,11 @@ def brief(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @examples(30)
-@given(shares=st.lists(st.floats(0.0, 1.0), min_size=17, max_size=17))
-def test_goals_are_within_the_limits_from_any_posture_and_legs_stand(shares: list[float]) -> None:
-    start = ROBOT.lower + np.array(shares) * (ROBOT.upper - ROBOT.lower)
+@given(fractions=st.lists(st.floats(0.0, 1.0), min_size=17, max_size=17))
+def test_goals_are_within_the_limits_from_any_posture_and_legs_stand(
+    fractions: list[float],
+) -> None:
+    start = ROBOT.lower + np.array(fractions) * (ROBOT.upper - ROBOT.lower)
     try:
         goals = np.array(plan_goals(start, ROBOT, SETTINGS))
     except NoRoomError:
@@ -91,7 +93,7 @@ def test_a_posture_without_room_is_refused() -> None:
         plan_goals(crossed, ROBOT, SETTINGS)
 
 
-def test_all_of_arms_and_head_move_by_a_few_degrees_for_the_time_that_was_told() -> None:
+def test_all_of_arms_and_head_move_by_a_few_degrees_for_the_given_time() -> None:
     assert len(MOVED) == 14
     start = ROBOT.posture("Stand")
     goals = np.array(plan_goals(start, ROBOT, SETTINGS))
@@ -220,19 +222,19 @@ def test_models_of_another_robot_do_not_fit(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("brief")
-def test_a_touch_meanwhile_is_told() -> None:
+def test_a_touch_meanwhile_is_reported() -> None:
     pepper = make_pepper("mujoco", NOMINAL, ROBOT)
-    shares = []
+    fractions = []
 
-    def push(share: float) -> None:
-        shares.append(share)
-        if len(shares) == 5:
+    def push(fraction: float) -> None:
+        fractions.append(fraction)
+        if len(fractions) == 5:
             pepper.push("LForeArm", [0.0, 25.0, 0.0], duration=0.6)
 
     motion_test = try_motion(pepper, NOMINAL, on_progress=push)
     assert statuses(motion_test)["untouched"] is CheckStatus.FAILED
     assert "detected" in found(motion_test, "untouched")
-    assert shares[-1] == 1.0
+    assert fractions[-1] == 1.0
 
 
 @pytest.mark.usefixtures("brief")
@@ -248,7 +250,7 @@ def test_a_joint_that_stands_still_is_found(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @pytest.mark.usefixtures("brief")
-def test_only_joints_of_arms_and_head_are_told_to_move(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_joints_of_arms_and_head_are_moved(monkeypatch: pytest.MonkeyPatch) -> None:
     patient = Patient()
     use(monkeypatch, patient)
     motion_test = tried("mock")
@@ -264,18 +266,18 @@ def test_only_joints_of_arms_and_head_are_told_to_move(monkeypatch: pytest.Monke
 def test_the_bar_is_full_when_the_robot_stands_again(monkeypatch: pytest.MonkeyPatch) -> None:
     patient = Patient()
     use(monkeypatch, patient)
-    shares: list[float] = []
+    fractions: list[float] = []
     times: list[float] = []
 
-    def note(share: float) -> None:
-        shares.append(share)
+    def note(fraction: float) -> None:
+        fractions.append(fraction)
         times.append(len(patient.commands) * ROBOT.cycle)
 
     try_motion(make_pepper("mock", NOMINAL, ROBOT), NOMINAL, on_progress=note)
-    assert shares[-1] == 1.0
+    assert fractions[-1] == 1.0
     # A bar that runs as time does: 1 s of the motion is as much at its begin as at its end.
     passed, shown = (
-        (np.array(values) - values[0]) / (values[-1] - values[0]) for values in (times, shares)
+        (np.array(values) - values[0]) / (values[-1] - values[0]) for values in (times, fractions)
     )
     assert np.abs(passed - shown).max() < 0.05
 
@@ -311,7 +313,7 @@ def test_pepper_is_closed_after_an_interrupt(monkeypatch: pytest.MonkeyPatch) ->
     patient = Patient()
     use(monkeypatch, patient)
 
-    def interrupt(share: float) -> None:
+    def interrupt(fraction: float) -> None:
         raise KeyboardInterrupt
 
     pepper: Pepper = make_pepper("mock", NOMINAL, ROBOT)

@@ -59,7 +59,7 @@ def swing(rows: FloatArray, joint: int) -> float:
 # -- facade ---------------------------------------------------------------------------------------------------------
 
 
-def test_a_robot_is_attentive_when_it_is_told_and_not_before() -> None:
+def test_a_robot_is_attentive_when_enabled_and_not_before() -> None:
     with make_pepper() as pepper:
         pepper.set_posture(BENT, duration=1.0)
         assert not pepper.attentive
@@ -120,9 +120,9 @@ def test_off_the_ticks_are_bit_for_bit_those_of_a_robot_that_never_was(
 
     monkeypatch.setattr(Dither, "step", never)
     rows = []
-    for told in (False, True):
+    for enabled in (False, True):
         with Pepper("mujoco://?seed=3", observer=None) as pepper:
-            if told:
+            if enabled:
                 pepper.attentive = False
             pepper.set_posture(BENT, duration=0.5)
             rows.append(trace(pepper, 1.0, lambda: pepper.measurement.position).tobytes())

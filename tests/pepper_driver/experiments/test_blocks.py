@@ -95,7 +95,7 @@ def test_a_touch_that_lasts_until_after_the_timeout_does_not_count() -> None:
     assert dict(played.steps)["turn"] == STAND_TICKS + 50
 
 
-def test_an_experiment_that_nobody_touches_stops_if_it_says_so() -> None:
+def test_an_experiment_without_touch_stops_if_it_says_so() -> None:
     experiment = make_experiment(STAND, listen(on_timeout="stop"), TURN)
     played = Played(experiment)
     assert played.done.stopped_by == "listen"
@@ -146,14 +146,14 @@ def test_a_loop_ends_after_the_round_in_which_it_is_touched(
     assert played.names == ["stand", *["round"] * rounds, "turn"]
 
 
-def test_a_loop_that_is_played_again_listens_anew() -> None:
+def test_a_loop_that_is_played_again_listens_again() -> None:
     loop = {"repeat": {**ROUNDS, "until": {}}}
     outer = {"repeat": {"times": 2, "steps": [loop]}}
     played = Played(make_experiment(STAND, outer), taps(STAND_TICKS + ROUND + 5))
     assert played.names == ["stand", *["round"] * (2 + 5)]
 
 
-def test_an_outer_loop_hears_what_comes_in_an_inner_one() -> None:
+def test_an_outer_loop_receives_what_comes_in_an_inner_one() -> None:
     inner = {"repeat": {**ROUNDS, "times": 2, "until": {"link": "LBicep"}}}
     outer = {"repeat": {"times": 4, "steps": [inner], "until": {"touches": 2, "within": 9.0}}}
     at = taps(STAND_TICKS + 5, 3 * ROUND, 4 * ROUND)
@@ -264,7 +264,7 @@ def test_a_branch_by_how_long_and_how_often() -> None:
     assert cues(step, taps(begin + 10, begin + 40)) == (["twice"], 40)
 
 
-def test_a_branch_in_a_loop_chooses_anew() -> None:
+def test_a_branch_in_a_loop_chooses_again() -> None:
     step = branch(({"limb": "left_arm"}, "left"), timeout=0.24, otherwise=[])
     loop = {"repeat": {"times": 3, "steps": [step]}}
     played = Played(make_experiment(STAND, loop, LATE), taps(STAND_TICKS + 30))
@@ -313,7 +313,7 @@ def test_the_steps_of_another_file_are_played_where_it_stands(tmp_path: Path) ->
 def test_a_file_that_waits_for_touch_needs_an_observer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The program that plays it says nothing of touch: it gets an observer all the same, unless it wants none."""
+    """The program that plays it says nothing of touch: it gets an observer all the same, unless it switches it off."""
     _, observer = fake(monkeypatch)
     observer.at = taps(30)
     for inner in (listen(), branch(({}, "touched"))):
@@ -326,7 +326,7 @@ def test_a_file_that_waits_for_touch_needs_an_observer(
             load_experiment(path, ROBOT)
 
 
-def test_each_file_plays_those_beside_it(tmp_path: Path) -> None:
+def test_each_file_plays_those_in_its_folder(tmp_path: Path) -> None:
     (tmp_path / "sub").mkdir()
     write(tmp_path, STAND, file="leaf")
     write(tmp_path / "sub", TURN, file="leaf")

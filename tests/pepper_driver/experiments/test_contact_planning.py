@@ -76,17 +76,17 @@ def force_of(*force: float, **changes: Any) -> dict[str, Any]:
 # -- what the robot can take ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("share", [0.9, 1.15])
-def test_a_push_near_saturation_must_be_marked(share: float) -> None:
+@pytest.mark.parametrize("ratio", [0.9, 1.15])
+def test_a_push_near_saturation_must_be_marked(ratio: float) -> None:
     pepper = make_pepper()
     limit = limit_degrees(pepper, "LShoulderRoll")
     soft = push_of(0.3 * limit, start=2.0, duration=0.5)
     with pytest.raises(ConfigError, match=r"^mine: key 'contacts\.1': .*would load"):
-        plan(pepper, still(soft, push_of(share * limit)))
-    planned = plan(pepper, still(soft, push_of(share * limit, saturating=True)))
+        plan(pepper, still(soft, push_of(ratio * limit)))
+    planned = plan(pepper, still(soft, push_of(ratio * limit, saturating=True)))
     loads = [contact.planned.load for contact in planned.at_begin]
     assert loads[0] < 0.5
-    assert loads[1] >= share
+    assert loads[1] >= ratio
 
 
 def test_a_force_that_is_too_large_is_refused_before_anything_moves() -> None:
@@ -211,7 +211,7 @@ TIMES: list[tuple[list[Any], dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("steps", "contact", "reason"), TIMES)
-def test_a_time_that_nobody_knows_is_refused(
+def test_a_time_that_is_unknown_is_refused(
     steps: list[Any], contact: dict[str, Any], reason: str
 ) -> None:
     with pytest.raises(ConfigError, match=r"^mine: key 'contacts\.0") as caught:
@@ -263,7 +263,7 @@ def test_a_contact_in_random_goals_comes_in_each_round_too() -> None:
         plan(make_pepper(), make_experiment(loop, contacts=[long]))
 
 
-def test_random_contacts_in_a_loop_are_drawn_anew() -> None:
+def test_random_contacts_in_a_loop_are_drawn_again() -> None:
     random = {
         "kind": "random_pushes",
         "times": [0.6],
@@ -310,7 +310,7 @@ def test_a_contact_in_a_case_is_planned_for_its_steps() -> None:
 
 
 def test_after_a_branch_the_posture_may_be_unknown() -> None:
-    """One case moves the arm, and otherwise it stays: nobody knows where a push would find it."""
+    """One case moves the arm, and otherwise it stays: where a push would find it is unknown."""
     out = {"joints": {"LShoulderRoll": 0.9}, "hold": 3.0}
     stand, rest = {"posture": "Stand", "hold": 1.2}, {"name": "rest", "hold": 3.0}
     contact = push_of(1.0, step="rest")
@@ -390,13 +390,13 @@ def test_random_numbers_are_drawn_in_this_order() -> None:
     posture = ROBOT.posture("Stand")
     assert len(segments) == 3
     for segment in segments:
-        for names, share in (
+        for names, ratio in (
             (goals.joints, goals.range),
             (goals.secondary_joints, goals.secondary_range),
         ):
             for name in names:
                 i = ROBOT.joint_index(name)
-                posture[i] = middle[i] + share * half[i] * rng.uniform(-1.0, 1.0)
+                posture[i] = middle[i] + ratio * half[i] * rng.uniform(-1.0, 1.0)
         np.testing.assert_allclose(segment.posture, posture, atol=1e-12)
         for time, contact in zip(pushes.times, segment.contacts, strict=True):
             assert contact.delay == pytest.approx(time + rng.uniform(-0.5, 0.5) * pushes.jitter)
@@ -457,15 +457,15 @@ def test_pushes_in_motion_are_planned_for_where_the_joints_will_be() -> None:
         pepper.play(planned, on_tick=lambda *_: position.append(pepper.backend.truth.position))
     begin = round(3.0 / CYCLE) + round(PERIOD / CYCLE)
     for ticks in (30, 60, 120):
-        wanted, there = second.expected(ticks * CYCLE), position[begin + ticks]
-        np.testing.assert_allclose(there[3:], wanted[3:], atol=0.12)
+        predicted, there = second.expected(ticks * CYCLE), position[begin + ticks]
+        np.testing.assert_allclose(there[3:], predicted[3:], atol=0.12)
 
 
 def contacts_in(segments: list[Segment]) -> list[list[Any]]:
     return [segment.contacts for segment in segments]
 
 
-def test_joints_are_pushed_evenly_if_that_is_wanted() -> None:
+def test_joints_are_pushed_evenly_if_that_is_requested() -> None:
     """The shoulder roll can take little of these sizes, the shoulder pitch more."""
     pepper = make_pepper()
     limit = limit_degrees(pepper, "LShoulderRoll")
@@ -508,7 +508,7 @@ def test_two_pushes_at_once_stay_within_what_the_robot_can_take() -> None:
     assert max(together) > 0.5, "else nothing was refused"
 
 
-def test_the_robot_moves_freely_first_if_that_is_wanted() -> None:
+def test_the_robot_moves_freely_first_if_that_is_requested() -> None:
     experiment = setpoints(after=2 * PERIOD).with_goals(count=4)
     segments = plan(make_pepper(), experiment).segments
     assert [len(segment.contacts) for segment in segments] == [0, 0, 0, 2, 2]

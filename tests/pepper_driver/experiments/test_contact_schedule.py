@@ -94,9 +94,9 @@ def test_what_is_planned_is_what_happens() -> None:
         assert push.joint is not None
         assert push.onset - seen.begin == pytest.approx(1.0 + contact.start, abs=CYCLE / 2)
         assert push.release - push.onset == pytest.approx(contact.duration)
-        felt = seen.torque[:, ROBOT.joint_index(push.joint)]
+        joint_torque = seen.torque[:, ROBOT.joint_index(push.joint)]
         during = (seen.time > push.onset + 0.15) & (seen.time < push.release - 0.15)
-        np.testing.assert_allclose(felt[during], push.direction * push.torque, rtol=0.01)
+        np.testing.assert_allclose(joint_torque[during], push.direction * push.torque, rtol=0.01)
         stiffness = pepper.backend.plant.stiffness[ROBOT.joint_index(push.joint)]
         assert push.degrees == pytest.approx(np.degrees(push.torque / stiffness))
         assert not push.saturating
@@ -136,21 +136,21 @@ def test_contacts_of_a_branch_that_is_not_taken_do_not_come() -> None:
     )
 
 
-@pytest.mark.parametrize("share", [0.3, 0.9, 1.15])
-def test_a_push_is_marked_where_its_board_was_at_its_limit(share: float) -> None:
+@pytest.mark.parametrize("ratio", [0.3, 0.9, 1.15])
+def test_a_push_is_marked_where_its_board_was_at_its_limit(ratio: float) -> None:
     """Planning looks at the rest state only; one that is to saturate must say so."""
     pepper = make_pepper()
-    degrees = share * limit_degrees(pepper, "LShoulderRoll")
+    degrees = ratio * limit_degrees(pepper, "LShoulderRoll")
     seen = Witness(
         pepper,
-        still(PUSH | {"degrees": degrees, "duration": 0.4, "saturating": share > 0.85}, length=1.5),
+        still(PUSH | {"degrees": degrees, "duration": 0.4, "saturating": ratio > 0.85}, length=1.5),
     )
     (push,) = seen.report.pushes
-    assert push.saturating == (share > 1)
+    assert push.saturating == (ratio > 1)
     during = (seen.time >= push.onset) & (seen.time <= push.release)
     assert push.saturated == seen.saturated[during, INDEX].any()
-    assert push.saturated or share < 1
-    assert not (push.saturated and share == 0.3)
+    assert push.saturated or ratio < 1
+    assert not (push.saturated and ratio == 0.3)
     (event,) = seen.events
     assert event.push is not None
     assert replace(event.push, saturated=push.saturated) == push
@@ -279,7 +279,7 @@ def test_pushes_rise_as_fast_as_the_experiment_says(monkeypatch: pytest.MonkeyPa
     assert len(set(rises[1])) == 4
 
 
-def test_forces_on_the_trunk_are_felt_by_the_legs() -> None:
+def test_forces_on_the_trunk_act_on_the_legs() -> None:
     force = {
         "kind": "random_forces",
         "times": [0.6],

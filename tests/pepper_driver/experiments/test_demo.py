@@ -43,10 +43,10 @@ def numb(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(demo, "Pepper", Numb)
 
 
-def test_every_push_of_five_equivalent_degrees_is_felt(tmp_path: Path) -> None:
-    heard: list[tuple[Contact, tuple[KnownPush, ...]]] = []
+def test_every_push_of_five_equivalent_degrees_is_detected(tmp_path: Path) -> None:
+    received: list[tuple[Contact, tuple[KnownPush, ...]]] = []
     result = run_demo(
-        tmp_path, seed=2, seconds=32.0, on_contact=lambda c, pushes: heard.append((c, pushes))
+        tmp_path, seed=2, seconds=32.0, on_contact=lambda c, pushes: received.append((c, pushes))
     )
     # Eight of them are strong enough to be detected in the right place; the last three are light.
     strong = result.pushes[:8]
@@ -60,16 +60,16 @@ def test_every_push_of_five_equivalent_degrees_is_felt(tmp_path: Path) -> None:
         assert detected.joint_right
         assert 0.0 < detected.delay < detected.push.release - detected.push.onset + 0.15
 
-    # each contact is told once, where it ended up
+    # each contact is reported once, where it ended up
     last = {event.id: event for event in result.contacts}
-    told = {event.id: event for event, _ in heard}
-    assert len(told) == len(heard)
-    for told_event in told.values():
-        assert told_event in result.contacts
-        settled = told_event.time - told_event.detection_time >= 0.15
-        assert settled or told_event == last[told_event.id]
+    reported = {event.id: event for event, _ in received}
+    assert len(reported) == len(received)
+    for reported_event in reported.values():
+        assert reported_event in result.contacts
+        settled = reported_event.time - reported_event.detection_time >= 0.15
+        assert settled or reported_event == last[reported_event.id]
     for detected in right:
-        settled_event = told[detected.contact.id]
+        settled_event = reported[detected.contact.id]
         assert settled_event.link == detected.final_contact.link
 
     # what was planned is what the joints really detected
@@ -81,8 +81,8 @@ def test_every_push_of_five_equivalent_degrees_is_felt(tmp_path: Path) -> None:
         assert push.joint is not None
         joint = ROBOT.joint_index(push.joint)
         during = np.flatnonzero((time > push.onset) & (time < push.release))
-        felt_torque = torque[during, joint]
-        peak = felt_torque[np.abs(felt_torque).argmax()]
+        contact_torque = torque[during, joint]
+        peak = contact_torque[np.abs(contact_torque).argmax()]
         # The last are stated in the axes of the world, in which the arm gives way and breathes.
         rel = 0.01 if push in strong else 0.1
         assert peak == pytest.approx(push.direction * push.torque, rel=rel)
@@ -120,7 +120,7 @@ LIGHT = {
 }
 
 
-def test_a_contact_is_told_once_where_it_ends_up(
+def test_a_contact_is_reported_once_where_it_ends_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     events = [
@@ -140,13 +140,13 @@ def test_a_contact_is_told_once_where_it_ends_up(
     observer = Scripted()
     observer.at = {100 + number: (event,) for number, event in enumerate(events)}
     monkeypatch.setattr(demo, "Pepper", partial(Numb, detects=observer))
-    told: list[tuple[int, str | None, float]] = []
+    reported: list[tuple[int, str | None, float]] = []
     run_demo(
         tmp_path,
         experiment=own_script(tmp_path, steps=[STANDS], contacts=[LIGHT]),
-        on_contact=lambda c, _: told.append((c.id, c.joint, c.time)),
+        on_contact=lambda c, _: reported.append((c.id, c.joint, c.time)),
     )
-    assert told == [(1, "LElbowRoll", 1.152), (2, "LShoulderRoll", 2.1), (3, "HeadYaw", 3.05)]
+    assert reported == [(1, "LElbowRoll", 1.152), (2, "LShoulderRoll", 2.1), (3, "HeadYaw", 3.05)]
 
 
 def test_a_line_names_the_place_and_the_delay() -> None:
@@ -196,7 +196,7 @@ def test_the_same_seed_gives_the_same_contacts(tmp_path: Path) -> None:
     assert other.pushes != first.pushes
 
 
-def test_without_pushes_nothing_is_felt() -> None:
+def test_without_pushes_nothing_is_detected() -> None:
     """The same motion as in the demo, untouched."""
     rng = np.random.default_rng(9)
     with Pepper("mujoco?seed=9") as pepper:
@@ -243,9 +243,9 @@ def test_a_push_that_saturates_its_board_is_marked(tmp_path: Path) -> None:
     log = read_log(tmp_path / "out" / LOG_NAME)
     assert log.truth is not None
     time = np.asarray(log["time"])
-    for told in result.pushes:
-        during = (time >= told.onset) & (time <= told.release)
-        assert told.saturated == log.truth["saturated"][during, index].any()
+    for reported in result.pushes:
+        during = (time >= reported.onset) & (time <= reported.release)
+        assert reported.saturated == log.truth["saturated"][during, index].any()
 
 
 @pytest.mark.usefixtures("numb")
@@ -270,14 +270,14 @@ def test_a_script_of_ones_own_is_shown(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("numb")
 def test_the_length_is_the_experiments_or_whole_periods_of_the_time_given(tmp_path: Path) -> None:
-    shares: list[float] = []
+    fractions: list[float] = []
     mine = quick_goals(tmp_path)
-    result = run_demo(tmp_path, experiment=mine, seconds=2.2 * PERIOD, on_progress=shares.append)
+    result = run_demo(tmp_path, experiment=mine, seconds=2.2 * PERIOD, on_progress=fractions.append)
     length = load_experiment(mine, ROBOT).with_goals(count=2).max_length
     assert result.simulated_seconds == pytest.approx(length, abs=0.02)
     assert len(result.pushes) == 4
-    assert len(shares) == pytest.approx(length, abs=1)
-    assert shares[-1] == 1.0
+    assert len(fractions) == pytest.approx(length, abs=1)
+    assert fractions[-1] == 1.0
 
 
 @pytest.mark.parametrize(
@@ -306,11 +306,11 @@ def test_free_motion_is_no_demonstration(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("numb")
-def test_results_of_an_earlier_run_do_not_stay_beside_a_new_log(tmp_path: Path) -> None:
+def test_results_of_an_earlier_run_do_not_stay_next_to_a_new_log(tmp_path: Path) -> None:
     (tmp_path / FIGURE_NAME).write_text("old")
     (tmp_path / CONTACTS_NAME).write_text("old")
 
-    def stop(share: float) -> None:
+    def stop(fraction: float) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -321,7 +321,9 @@ def test_results_of_an_earlier_run_do_not_stay_beside_a_new_log(tmp_path: Path) 
 
 @pytest.mark.usefixtures("numb")
 @pytest.mark.parametrize("name", [FIGURE_NAME, CONTACTS_NAME])
-def test_a_result_that_cannot_be_written_is_told_before_the_run(tmp_path: Path, name: str) -> None:
+def test_a_result_that_cannot_be_written_is_reported_before_the_run(
+    tmp_path: Path, name: str
+) -> None:
     (tmp_path / name).mkdir()
     with pytest.raises(PepperError, match=name):
         run_demo(tmp_path, seconds=8.0)

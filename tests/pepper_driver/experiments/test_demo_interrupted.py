@@ -13,8 +13,8 @@ from pepper_driver.log import read_log
 
 
 def test_an_interrupted_demonstration_leaves_its_contacts(tmp_path: Path) -> None:
-    def stop_on_the_way(share: float) -> None:
-        if share > 0.35:
+    def stop_on_the_way(fraction: float) -> None:
+        if fraction > 0.35:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt) as caught:
@@ -29,7 +29,7 @@ def test_an_interrupted_demonstration_leaves_its_contacts(tmp_path: Path) -> Non
     assert not saved["complete"]
     assert [event["time"] for event in saved["events"]] == [c.time for c in log.contacts]
     end = log["time"][-1]
-    pushes = [felt["push"] for felt in saved["detected"]] + saved["missed"]
+    pushes = [entry["push"] for entry in saved["detected"]] + saved["missed"]
     assert len(pushes) == saved["summary"]["pushes"]
     assert saved["summary"]["detected"] > 0
     assert all(push["onset"] <= end for push in pushes)

@@ -70,7 +70,7 @@ def test_who_says_so_again_drives_on() -> None:
         assert requested(pepper, 50) == HALF * [[0.0, 0.1, 0.0]] + (50 - HALF) * [STOP]
 
 
-def test_held_it_drives_until_told_otherwise() -> None:
+def test_held_it_drives_until_the_next_command() -> None:
     with make_pepper() as pepper:
         pepper.drive(*TWIST, hold=True)
         assert requested(pepper, 500) == 500 * [TWIST]
@@ -357,7 +357,7 @@ def test_tasks_are_those_that_were_added_and_not_removed(
 ) -> None:
     """In any order, before the start, while it ticks, in groups, over several starts."""
     tasks = {name: reach() for name in "abcd"}
-    wanted: list[PositionTask] = []
+    requested: list[PositionTask] = []
     pepper = make_pepper()
     for name, adds, restarts in story:
         task = tasks[name]
@@ -368,13 +368,13 @@ def test_tasks_are_those_that_were_added_and_not_removed(
                 pepper.start()
         with pepper.changes():
             (pepper.add if adds else pepper.remove)(task)
-        wanted = [other for other in wanted if other is not task] + adds * [task]
+        requested = [other for other in requested if other is not task] + adds * [task]
         if pepper.state is RobotState.ACTIVE:
             pepper.step()
-            assert list(pepper.controller.tasks[2:]) == wanted
+            assert list(pepper.controller.tasks[2:]) == requested
     pepper.stop()
     with pepper:
-        assert list(pepper.controller.tasks[2:]) == wanted
+        assert list(pepper.controller.tasks[2:]) == requested
 
 
 def test_threads_that_make_changes_without_end_do_not_keep_ticks_waiting() -> None:

@@ -70,7 +70,7 @@ def test_steps_cues_and_repetitions_come_in_order(
     assert report.completed
 
 
-def test_only_cues_of_a_kind_are_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_only_cues_of_a_kind_are_published(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     steps: list[dict[str, Any]] = [
         {"say": "hello"},
         {"leds": {"colour": [0, 0, 0]}},
@@ -97,8 +97,8 @@ def test_a_wait_ends_with_the_contact_it_waits_for(
         23: (contact(4, intensity_deg=1.0),),
         30: (contact(4, phase="update", intensity_deg=2.5),),
     }
-    wanted = listen(link="LForeArm", min_intensity_deg=2.0, on_timeout="stop")
-    run = make_run(monkeypatch, tmp_path, STAND, wanted, PAUSE, at=at)
+    requested = listen(link="LForeArm", min_intensity_deg=2.0, on_timeout="stop")
+    run = make_run(monkeypatch, tmp_path, STAND, requested, PAUSE, at=at)
     steps: list[StepEvent] = []
     run.pepper.on_step()(steps.append)
     report = run.perform()
@@ -123,7 +123,7 @@ def test_a_wait_in_vain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, on_time
     assert ("wait 'listen' timed out" in str(report)) == (on_timeout == "stop")
 
 
-def test_each_wait_listens_anew(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_each_wait_listens_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     at = {20: (contact(1),), 60: (contact(1, phase="update", intensity_deg=9.0),)}
     loop = {"repeat": {"times": 2, "steps": [listen()]}}
     report = make_run(monkeypatch, tmp_path, STAND, loop, at=at).perform()
@@ -181,7 +181,9 @@ def test_a_pepper_that_plays_has_its_reflexes_already(tmp_path: Path) -> None:
         pepper.play(path)
 
 
-def test_reactions_play_files_beside_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_reactions_play_files_in_its_folder(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     write(tmp_path, {"name": "nod", "joints": {"HeadPitch": 0.0}, "duration": 0.3}, file="nod")
     reactions = [{"on": {"limb": "left_arm"}, "play": "nod.yaml", "at_most": 1}]
     at = {20: (contact(1),), 21: (contact(1, phase="end"),), 60: (contact(2),)}
@@ -271,7 +273,7 @@ def test_nothing_is_planned_twice_but_for_where_the_robot_stands(tmp_path: Path)
 # -- contacts -------------------------------------------------------------------------------------------------------
 
 
-def test_contacts_on_a_robot_that_nobody_can_push(
+def test_contacts_on_a_robot_that_cannot_be_pushed(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     fake(monkeypatch)
@@ -353,14 +355,14 @@ def test_holds_go_along_a_spline_of_least_jerk_and_stay(tmp_path: Path) -> None:
     path = write(tmp_path, {"holds": goals | {"count": 3}}, seed=3)
     yaw = ROBOT.joint_index("HeadYaw")
     positions: list[float] = []
-    wanted: list[float] = []
+    requested: list[float] = []
     with Pepper("mock", observer=None) as pepper:
         pepper.play(
             path,
             on_tick=lambda *_: positions.append(pepper.controller.position[yaw]),
-            on_step=lambda _: wanted.append(pepper.target[yaw]),
+            on_step=lambda _: requested.append(pepper.target[yaw]),
         )
-    start, *goals_reached = wanted
+    start, *goals_reached = requested
     assert np.ptp(goals_reached) > 0.1
     for number, goal in enumerate(goals_reached):
         way = np.array(positions[1 + 250 * number : 1 + 250 * (number + 1)])
@@ -371,12 +373,12 @@ def test_holds_go_along_a_spline_of_least_jerk_and_stay(tmp_path: Path) -> None:
 
 
 def test_progress_rises_to_one() -> None:
-    told: list[float] = []
+    reported: list[float] = []
     with Pepper("mock", observer=None) as pepper:
-        pepper.play("wave", on_progress=told.append)
-    assert told == sorted(told)
-    assert told[-1] == 1.0
-    assert len(told) >= 4
+        pepper.play("wave", on_progress=reported.append)
+    assert reported == sorted(reported)
+    assert reported[-1] == 1.0
+    assert len(reported) >= 4
 
 
 # -- the shipped ones -----------------------------------------------------------------------------------------------
@@ -388,14 +390,14 @@ PUSHED = [path for path in EXAMPLES if "contacts:" in path.read_text()]
 @pytest.mark.parametrize("path", PUSHED, ids=lambda path: path.stem)
 def test_the_examples_run(path: Path) -> None:
     run = ExperimentRun(path)
-    told: list[PushEvent] = []
-    run.pepper.on_push()(told.append)
+    reported: list[PushEvent] = []
+    run.pepper.on_push()(reported.append)
     report = run.perform()
     assert report.completed
     assert report.contact_counts
     assert report.reflex_counts
     assert all(wait.detected for wait in report.waits)
-    assert len(told) == len(report.pushes) >= 1
+    assert len(reported) == len(report.pushes) >= 1
 
 
 def test_the_experiment_in_the_docs_is_the_shipped_one(tmp_path: Path) -> None:

@@ -69,7 +69,7 @@ def test_the_time_that_it_says_is_enough() -> None:
     plan(STAND, FAST | {"duration": 0.28})
 
 
-def test_where_nobody_knows_how_far_it_is_nothing_is_refused() -> None:
+def test_where_the_distance_is_unknown_nothing_is_refused() -> None:
     aside = {"joints": {"HeadYaw": 1.9}, "hold": 0.2}
     plan(FAST)
     plan(STAND, aside, {"joints": {"HeadYaw": -0.1}, "duration": 0.1})  # it never was so far aside

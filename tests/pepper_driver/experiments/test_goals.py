@@ -220,12 +220,12 @@ def test_the_centre_of_mass_is_moved() -> None:
         pepper.play(
             make_experiment({"duration": 2.0, "posture": "Crouch", "joints": {"HeadPitch": 0.4}})
         )
-        wanted = com(pepper) + np.array([0.02, 0.01, 0.01])
+        target = com(pepper) + np.array([0.02, 0.01, 0.01])
         step = {"duration": 2.0, "until": "reached", "timeout": 5.0, "tolerance": 0.002}
-        task = {"target": wanted.tolist(), "root": "base_link"}
+        task = {"target": target.tolist(), "root": "base_link"}
         report = pepper.play(make_experiment(step | {"com": task}))
         assert report.reached
-        np.testing.assert_allclose(com(pepper), wanted, atol=0.003)
+        np.testing.assert_allclose(com(pepper), target, atol=0.003)
         assert report.steps[0].goals[0].measured.metres == pytest.approx(0.0, abs=0.005)
 
 

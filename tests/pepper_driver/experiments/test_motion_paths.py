@@ -19,7 +19,7 @@ def test_a_posture_can_be_set_with_a_duration() -> None:
         assert pepper.controller.posture.error[YAW] == pytest.approx(0.0, abs=0.01)
 
 
-def test_a_posture_set_anew_ends_the_way_to_it() -> None:
+def test_a_posture_set_again_ends_the_motion_to_it() -> None:
     """The same posture without a duration is a set-point from then on, with one it is a new way."""
     with make_pepper() as pepper:
         pepper.set_posture({"HeadYaw": 0.6}, duration=6.0)

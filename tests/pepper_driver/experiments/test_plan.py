@@ -113,7 +113,7 @@ def test_it_may_be_said_where_the_robot_stands() -> None:
     np.testing.assert_array_equal(segment.posture, start)
 
 
-def test_contacts_on_a_robot_that_nobody_can_push_are_refused() -> None:
+def test_contacts_on_a_robot_that_cannot_be_pushed_are_refused() -> None:
     with pytest.raises(ConfigError, match="'mock' cannot; leave them out with"):
         plan(DEMO)
 

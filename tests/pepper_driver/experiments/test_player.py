@@ -36,10 +36,12 @@ def test_a_posture_is_reached_in_its_time_along_a_spline() -> None:
         trace = Trace(lambda: pepper.controller.position[YAW])
         report = pepper.play(experiment, on_tick=trace)
     assert len(trace.values) == 150
-    share = (np.array(trace.values) - start) / (0.6 - start)
-    assert share[49] == pytest.approx(0.5, abs=0.02)  # of least jerk: half the way at half the time
-    assert share[24] == pytest.approx(0.1035, abs=0.02)
-    np.testing.assert_allclose(share[100:], 1.0, atol=0.01)
+    fraction = (np.array(trace.values) - start) / (0.6 - start)
+    assert fraction[49] == pytest.approx(
+        0.5, abs=0.02
+    )  # of least jerk: half the way at half the time
+    assert fraction[24] == pytest.approx(0.1035, abs=0.02)
+    np.testing.assert_allclose(fraction[100:], 1.0, atol=0.01)
     (step,) = report.steps
     assert step.duration == pytest.approx(1.8)
     assert step.reached is None
@@ -54,11 +56,11 @@ def test_joints_and_hands_win_over_the_posture_and_the_rest_stays() -> None:
     second = {"duration": 1.0, "hands": {"LHand": 0.9}}
     with make_pepper() as pepper:
         pepper.play(make_experiment(first, second))
-        wanted = ROBOT.posture("Crouch")
-        wanted[[YAW, PITCH, ROBOT.joint_index("LHand")]] = 0.3, 0.4, 0.9
-        np.testing.assert_array_equal(pepper.target, wanted)
+        expected = ROBOT.posture("Crouch")
+        expected[[YAW, PITCH, ROBOT.joint_index("LHand")]] = 0.3, 0.4, 0.9
+        np.testing.assert_array_equal(pepper.target, expected)
         pepper.run(5.0)
-        np.testing.assert_allclose(pepper.controller.position, wanted, atol=0.01)
+        np.testing.assert_allclose(pepper.controller.position, expected, atol=0.01)
 
 
 def test_a_step_that_cannot_be_reached_gives_up_and_the_next_one_comes() -> None:
@@ -153,8 +155,8 @@ def test_a_target_that_a_task_refuses_leaves_nothing_behind(
     honest = goals._target
 
     def target(spec: AnyTask, controller: WholeBodyController) -> FloatArray:
-        wanted = honest(spec, controller)
-        return wanted * np.nan if spec.label == "position r_wrist" else wanted
+        expected = honest(spec, controller)
+        return expected * np.nan if spec.label == "position r_wrist" else expected
 
     monkeypatch.setattr(goals, "_target", target)
     for experiment in (

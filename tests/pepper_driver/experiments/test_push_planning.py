@@ -1,4 +1,4 @@
-"""Planned pushes put on a joint what was asked for, and nothing into saturation unless that is wanted."""
+"""Planned pushes put on a joint what was asked for, and nothing into saturation unless that is requested."""
 
 from dataclasses import replace
 from typing import Any
@@ -50,15 +50,15 @@ def weigh(pepper: Pepper, **changes: Any) -> PlannedPush:
 
 
 @pytest.mark.parametrize("direction", [-1, 1])
-def test_the_joint_feels_the_torque_that_was_asked_for(direction: int) -> None:
+def test_the_joint_gets_the_torque_that_was_requested(direction: int) -> None:
     with make_pepper() as pepper:
         push = plan(pepper, direction=direction)
-        wanted = direction * 0.4 * pepper.backend.plant.torque_limit[INDEX]
-        assert push.torque == pytest.approx(wanted)
+        requested = direction * 0.4 * pepper.backend.plant.torque_limit[INDEX]
+        assert push.torque == pytest.approx(requested)
         assert push.degrees == pytest.approx(0.4 * limit_degrees(pepper, "LShoulderRoll"))
         pepper.push(push.link, push.force, push.point, 1.0, frame=push.frame)
         pepper.run(0.5)
-        assert pepper.backend.truth.contact_torque[INDEX] == pytest.approx(wanted, rel=1e-3)
+        assert pepper.backend.truth.contact_torque[INDEX] == pytest.approx(requested, rel=1e-3)
 
 
 def test_no_smaller_force_would_do() -> None:
@@ -69,7 +69,7 @@ def test_no_smaller_force_would_do() -> None:
 
 
 @pytest.mark.parametrize("frame", ["world", "link"])
-def test_a_force_is_told_in_degrees_as_the_joint_will_feel_it(frame: str) -> None:
+def test_a_force_is_given_in_degrees_of_the_joint(frame: str) -> None:
     with make_pepper() as pepper:
         posture = ROBOT.posture("Stand")
         push = weigh(pepper, force=np.array([3.0, 8.0, -2.0]), frame=frame, posture=posture)
@@ -115,7 +115,7 @@ def test_gravity_counts() -> None:
     assert push.load > weigh(pepper, posture=hanging, **arguments).load
 
 
-def test_a_force_the_joint_cannot_feel_is_refused() -> None:
+def test_a_force_without_torque_on_the_joint_is_refused() -> None:
     pepper = make_pepper()
     with pytest.raises(PushTooStrongError, match="does not turn"):
         plan(pepper, point=np.zeros(3))
@@ -166,7 +166,9 @@ def bent() -> FloatArray:
 
 @pytest.mark.parametrize("joint", ["LShoulderRoll", "LElbowYaw", "LElbowRoll"])
 @pytest.mark.parametrize("direction", [-1, 1])
-def test_joints_further_out_feel_little_if_that_is_wanted(joint: str, direction: int) -> None:
+def test_joints_further_out_get_little_torque_if_that_is_requested(
+    joint: str, direction: int
+) -> None:
     pepper = make_pepper()
     plant, index = pepper.backend.plant, ROBOT.joint_index(joint)
     arguments = {
@@ -183,7 +185,7 @@ def test_joints_further_out_feel_little_if_that_is_wanted(joint: str, direction:
     outer = [ROBOT.joint_index(n) for n in ROBOT.chain_of(joint)]
     outer = [k for k in outer if k > index]
 
-    def shares(push: PlannedPush) -> FloatArray:
+    def ratios(push: PlannedPush) -> FloatArray:
         degrees = np.degrees(np.abs(push.torques[outer]) / plant.stiffness[outer])
         assert plant.config is not None
         friction = [plant.config.actuator(ROBOT.joint_names[k]).friction.contact for k in outer]
@@ -193,9 +195,9 @@ def test_joints_further_out_feel_little_if_that_is_wanted(joint: str, direction:
 
     assert plain.torque == pytest.approx(chosen.torque)
     assert chosen.degrees == pytest.approx(1.0)
-    assert shares(chosen).max() <= 0.25 + 1e-9
+    assert ratios(chosen).max() <= 0.25 + 1e-9
     if joint == "LShoulderRoll":
-        assert shares(plain).max() > 0.25, "else this test says nothing"
+        assert ratios(plain).max() > 0.25, "else this test says nothing"
         assert chosen.newtons > plain.newtons
 
 
@@ -250,7 +252,7 @@ def test_on_the_axis_of_an_outer_joint_rounding_errors_choose_no_force() -> None
     assert planned > 5, "else this test says nothing"
 
 
-def test_a_place_where_joints_further_out_must_feel_it_is_refused() -> None:
+def test_a_place_where_joints_further_out_must_get_torque_is_refused() -> None:
     pepper = make_pepper()
     bounds = PushLimits(load=np.inf, tipping=np.inf, max_distal_ratio=0.25)
     arguments = {"link": "LForeArm", "point": OUT, "posture": bent(), "bounds": bounds}
@@ -297,7 +299,7 @@ def test_pushes_at_the_same_time_share_what_the_robot_can_take() -> None:
         weigh(pepper, **same, bounds=wide, concurrent=[weigh(pepper, **same, bounds=wide)])
 
 
-def test_a_push_on_the_trunk_is_told_in_degrees_of_the_leg_joint_with_most() -> None:
+def test_a_push_on_the_trunk_is_given_in_degrees_of_the_leg_joint_with_most() -> None:
     pepper = make_pepper()
     push = weigh(
         pepper,

@@ -191,7 +191,7 @@ def test_in_a_hold_the_rest_of_it_is_held_once_the_robot_is_back(
     assert_gentle(played, 1.2)
 
 
-def test_a_wait_goes_on_and_hears_what_comes_meanwhile() -> None:
+def test_a_wait_goes_on_and_receives_what_comes_meanwhile() -> None:
     reaction: dict[str, Any] = {"on": {"limb": "head"}}
     experiment = with_play(listen(timeout=2.4, limb="left_arm"), **reaction)
     head = tap(BEGIN + 50, limb="head", link="Head", joint="HeadYaw")
@@ -202,8 +202,8 @@ def test_a_wait_goes_on_and_hears_what_comes_meanwhile() -> None:
     assert ticks_of(meanwhile)["listen"] == pytest.approx(50 + NOD_TICKS, abs=2)
     in_vain = Played(experiment, head)
     assert ticks_of(in_vain)["listen"] == 200 + NOD_TICKS + BACK
-    heard = [played.done.waits[0].detected for played in (later, meanwhile, in_vain)]
-    assert heard == [True, True, False]
+    detected = [played.done.waits[0].detected for played in (later, meanwhile, in_vain)]
+    assert detected == [True, True, False]
 
 
 def test_a_touch_that_ended_meanwhile_has_not_lasted() -> None:
@@ -234,7 +234,7 @@ def test_a_branch_still_decides_as_it_was_about_to() -> None:
         BEGIN + 110: (contact(2, phase="update", torque=3.0),),
     }
     assert Played(experiment, at | hard).words == ["cue: hard"]
-    # The first touch is heard by the branch, which decides after the reaction.
+    # The first touch is received by the branch, which decides after the reaction.
     assert Played(experiment, at).words == ["cue: light"]
 
 
@@ -500,7 +500,7 @@ def test_a_target_that_is_refused_in_a_reaction_leaves_nothing_behind(
     assert played.after == played.before
 
 
-def test_after_the_last_step_nobody_answers() -> None:
+def test_after_the_last_step_there_is_no_reaction() -> None:
     """A touch in the last tick comes too late, one before it is answered, and the step goes on."""
     experiment = reacting(STAND, TURN, reactions=[{"play": "p"}], parts={"p": [NOD]})
     last = BEGIN + TURN_TICKS
@@ -511,15 +511,15 @@ def test_after_the_last_step_nobody_answers() -> None:
 
 
 def test_a_player_says_how_far_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    shares: list[float] = []
+    fractions: list[float] = []
     honest = Player.advance
 
     def advance(self: Player) -> bool:
-        shares.append(self.progress)
+        fractions.append(self.progress)
         return honest(self)
 
     monkeypatch.setattr(Player, "advance", advance)
     Played(with_play(TURN), tap(BEGIN + 100))
-    assert shares == sorted(shares)
-    assert shares[0] < 0.01
-    assert shares[-1] == 1.0, "a reaction takes time that nobody planned"
+    assert fractions == sorted(fractions)
+    assert fractions[0] < 0.01
+    assert fractions[-1] == 1.0, "a reaction takes time that was not planned"

@@ -1,4 +1,4 @@
-"""Random goals, drawn before anybody moves, and the postures that steps lead to."""
+"""Random goals, drawn before the robot moves, and the postures that steps lead to."""
 
 from dataclasses import replace
 from typing import Any
@@ -52,11 +52,13 @@ def test_it_begins_in_the_posture_with_the_stiffness() -> None:
 
 
 @examples(30)
-@given(seed=st.integers(0, 2**32), share=st.floats(0, 1), also=st.floats(0, 1), n=st.integers(1, 6))
-def test_setpoints_lie_in_their_share_of_the_range(
-    seed: int, share: float, also: float, n: int
+@given(
+    seed=st.integers(0, 2**32), fraction=st.floats(0, 1), also=st.floats(0, 1), n=st.integers(1, 6)
+)
+def test_setpoints_lie_in_their_fraction_of_the_range(
+    seed: int, fraction: float, also: float, n: int
 ) -> None:
-    goals = drawn(FREE.with_goals(range=share, secondary_range=also, count=n), seed)[1:]
+    goals = drawn(FREE.with_goals(range=fraction, secondary_range=also, count=n), seed)[1:]
     assert len(goals) == n
     for segment in goals:
         assert not segment.is_settling
@@ -66,7 +68,7 @@ def test_setpoints_lie_in_their_share_of_the_range(
         assert list(segment.step.joints) == [*GOALS.joints, *GOALS.secondary_joints]
         for name, angle in segment.step.joints.items():
             limits = ROBOT.joints[ROBOT.joint_index(name)]
-            part = share if name in GOALS.joints else also
+            part = fraction if name in GOALS.joints else also
             half = (limits.upper - limits.lower) / 2
             assert abs(angle - (limits.lower + limits.upper) / 2) <= part * half + 1e-12
 
@@ -118,7 +120,7 @@ def test_sweeps_play_one_sequence_twice_with_other_neighbours(seed: int) -> None
 
 
 def test_sweeps_may_have_ranges_of_their_own() -> None:
-    """A share of the way from the first posture to either limit."""
+    """A fraction of the distance from the first posture to either limit."""
     assert isinstance(SWEEPS, Sweeps)
     segments = drawn(IDENTIFY.with_goals(joints=("HipRoll",), ranges={"HipRoll": 0.25}))
     limits, start = ROBOT.joints[ROBOT.joint_index("HipRoll")], ROBOT.posture("Stand")
@@ -143,7 +145,7 @@ def test_single_joints_may_have_a_range_of_their_own() -> None:
 BASE = BaseMotion(linear=0.2, angular=0.5, share=0.6)
 
 
-def test_the_base_moves_with_its_share_of_the_goals() -> None:
+def test_the_base_moves_with_its_fraction_of_the_goals() -> None:
     specs = [segment.step.base_velocity for segment in drawn(FREE.with_goals(base=BASE, count=300))]
     twists = np.array([[spec.vx, spec.vy, spec.wz] for spec in specs if spec is not None])
     assert len(twists) == 300
@@ -183,9 +185,9 @@ def test_each_step_begins_when_the_one_before_is_over_at_the_latest() -> None:
     assert [segment.is_timed for segment in (first, wait, second)] == [True, True, False]
     assert [segment.stiffness for segment in (first, wait, second)] == [5.0, 5.0, 2.0]
     np.testing.assert_array_equal(first.posture, ROBOT.posture("StandZero"))
-    wanted = ROBOT.posture("StandZero")
-    wanted[ROBOT.joint_index("HeadYaw")] = 0.3
-    np.testing.assert_array_equal(second.posture, wanted)
+    expected = ROBOT.posture("StandZero")
+    expected[ROBOT.joint_index("HeadYaw")] = 0.3
+    np.testing.assert_array_equal(second.posture, expected)
     np.testing.assert_array_equal(second.origin, first.posture)
 
 
@@ -212,13 +214,13 @@ def test_a_joint_moves_until_its_spring_has_come_to_rest() -> None:
     assert turn.moves(None, 0.1, ROBOT)
 
 
-def test_a_step_names_joints_of_its_posture_anew() -> None:
+def test_a_step_names_joints_of_its_posture_again() -> None:
     before = ROBOT.posture("Stand")
     (segment,) = planned(
         {"posture": "StandZero", "joints": {"HeadYaw": 0.3}, "hands": {"LHand": 0.9}, "hold": 1.0}
     )
     posture = goal_posture(segment.step, before, ROBOT)
-    wanted = ROBOT.posture("StandZero")
-    wanted[[ROBOT.joint_index("HeadYaw"), ROBOT.joint_index("LHand")]] = 0.3, 0.9
-    np.testing.assert_array_equal(posture, wanted)
+    expected = ROBOT.posture("StandZero")
+    expected[[ROBOT.joint_index("HeadYaw"), ROBOT.joint_index("LHand")]] = 0.3, 0.9
+    np.testing.assert_array_equal(posture, expected)
     np.testing.assert_array_equal(before, ROBOT.posture("Stand"))

@@ -180,7 +180,7 @@ def test_it_fires_no_oftener_than_touches_come(
     for tick, number, phase, size, link in events:
         event = contact(number, phase=phase, intensity_deg=size, link=link)
         script[tick] = (*script.get(tick, ()), event)
-    begun = sum(event.phase == "begin" for felt in script.values() for event in felt)
+    begun = sum(event.phase == "begin" for contacts in script.values() for event in contacts)
     several: dict[str, Any] = {"touches": touches, "within": 0.5} if touches > 1 else {}
     fired = met(script, lasting=lasting, min_intensity_deg=2.0, link="LForeArm", **several)
     assert len(fired) * touches <= begun

@@ -116,9 +116,9 @@ touches = st.lists(
 )
 
 
-def script(felt: list[Any]) -> dict[int, tuple[Contact, ...]]:
+def script(detected: list[Any]) -> dict[int, tuple[Contact, ...]]:
     events: dict[int, tuple[Contact, ...]] = {}
-    for number, (begin, length, place, torque) in enumerate(felt):
+    for number, (begin, length, place, torque) in enumerate(detected):
         for tick, phase in ((begin, "begin"), (begin + 1, "update"), (begin + 1 + length, "end")):
             size = 0.5 if phase == "begin" else torque
             event = contact(number, phase=phase, torque=size, **place)
@@ -131,31 +131,31 @@ def script(felt: list[Any]) -> dict[int, tuple[Contact, ...]]:
     tree=trees,
     part=st.lists(leaves, min_size=1, max_size=2),
     answers=reactions,
-    felt=touches,
+    detected=touches,
     holds=st.booleans(),
 )
 def test_it_ends_leaves_nothing_behind_and_does_not_jump(
-    tree: list[Any], part: list[Any], answers: list[Any], felt: list[Any], holds: bool
+    tree: list[Any], part: list[Any], answers: list[Any], detected: list[Any], holds: bool
 ) -> None:
     played_part = make_experiment(*part)
     stand = {"posture": "Stand", "hold": 0.06}
     experiment = with_played(make_experiment(stand, *tree, reactions=answers), p=played_part)
     # Each touch may be answered by the steps of one reaction, the way back, and a reflex.
-    longest = experiment.max_length + len(felt) * (played_part.max_length + 6.0) + 1.0
+    longest = experiment.max_length + len(detected) * (played_part.max_length + 6.0) + 1.0
     most = round(longest / CYCLE)
 
     def stop_if_late(pepper: Pepper, tick: int) -> None:
         assert tick <= most, "it does not end"
 
     reflexes = (Hold(limb="head", release_delay=0.06),) if holds else ()
-    played = Played(experiment, script(felt), reflexes=reflexes, on_tick=stop_if_late, rest=0.3)
+    played = Played(experiment, script(detected), reflexes=reflexes, on_tick=stop_if_late, rest=0.3)
     report = played.done
     assert played.after == played.before
     assert len(report.steps) == len(played.steps)
     for answer in answers:
         if answer.get("at_most") and len(answers) == 1:
             assert played.words.count("cue: touched") <= 1
-    assert {event.id for event in report.contacts} <= set(range(len(felt)))
+    assert {event.id for event in report.contacts} <= set(range(len(detected)))
     speed = played.velocity
     assert (np.abs(speed) <= SPEED * (1 + 1e-6)).all()
     assert (np.abs(np.diff(speed, axis=0)) <= ACCELERATION * CYCLE * (1 + 1e-6)).all()

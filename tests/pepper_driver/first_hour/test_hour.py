@@ -25,9 +25,9 @@ from pepper_driver.first_hour.plan import HourPlan, PlannedStep, plan_hour
 from pepper_driver.first_hour.state import (
     STATE,
     STEPS,
-    Figure,
     FirstHour,
     FirstHourError,
+    ResultValue,
     StepName,
     load_state,
     new_hour,
@@ -81,11 +81,11 @@ class Robot:
     def offer(self, question: str) -> bool:
         return False
 
-    def actions(self) -> dict[StepName, Callable[[], Mapping[str, Figure]]]:
+    def actions(self) -> dict[StepName, Callable[[], Mapping[str, ResultValue]]]:
         return {name: self._action(name) for name in STEPS}
 
-    def _action(self, name: StepName) -> Callable[[], Mapping[str, Figure]]:
-        def act() -> Mapping[str, Figure]:
+    def _action(self, name: StepName) -> Callable[[], Mapping[str, ResultValue]]:
+        def act() -> Mapping[str, ResultValue]:
             path = self._folder / f"{name}.mcap"
             set_aside(path)
             text = f"{name}, attempt {len(self.written)}"

@@ -72,7 +72,7 @@ def test_an_interrupted_recording_goes_on_and_ends_with_the_same_bytes(
     with pytest.raises(RecordingFolderError, match=f"5 of 7 runs are missing.* {JOINT}-test"):
         load_recordings(folder, ROBOT)
 
-    told: list[tuple[float, float]] = []
+    reported: list[tuple[float, float]] = []
     record_joints(
         "mujoco",
         [JOINT],
@@ -80,12 +80,12 @@ def test_an_interrupted_recording_goes_on_and_ends_with_the_same_bytes(
         folder,
         calibration=body,
         workers=1,
-        progress=lambda what, d, total: told.append((d, total)),
+        progress=lambda what, d, total: reported.append((d, total)),
     )
     assert done[3:] == [f"{JOINT}-test", *(f"calibration-{n}" for n in range(1, 5))]
     assert contents(folder) == contents(whole)
     runs = plan_runs(ROBOT, [JOINT], SHORT, calibration=body)
-    assert told[0] == pytest.approx(
+    assert reported[0] == pytest.approx(
         (runs[0].seconds + runs[1].seconds, sum(r.seconds for r in runs))
     )
     a, b = (fit_folder(where, "affine") for where in (folder, whole))
@@ -189,12 +189,12 @@ def test_a_touch_is_reported_at_once_and_the_run_is_offered_again(
 ) -> None:
     made = use_backends(monkeypatch, SlowRobot, TouchedRobot, SlowRobot)
     sensor = list(ROBOT.sensors.touch)[4]
-    told: list[tuple[str, str, bool]] = []
+    reported: list[tuple[str, str, bool]] = []
     offered: list[tuple[str, tuple[str, ...]]] = []
     path = tmp_path / "HeadYaw-1.npz"
 
     def on_touch(run: IdentificationRun, name: str) -> None:
-        told.append((run.name, name, path.exists()))
+        reported.append((run.name, name, path.exists()))
 
     def repeat(run: IdentificationRun, sensors: Sequence[str]) -> bool:
         offered.append((run.name, tuple(sensors)))
@@ -204,7 +204,7 @@ def test_a_touch_is_reported_at_once_and_the_run_is_offered_again(
     record_joints(
         "fake://robot", ["HeadYaw"], SHORT, tmp_path, workers=1, on_touch=on_touch, repeat=repeat
     )
-    assert told == 2 * [("HeadYaw-1", sensor, False)]
+    assert reported == 2 * [("HeadYaw-1", sensor, False)]
     assert offered == [("HeadYaw-1", (sensor,))]
     assert len(list(tmp_path.glob("HeadYaw-*.npz"))) == 3
     assert (tmp_path / f"{path.name}.early-1").exists() is again

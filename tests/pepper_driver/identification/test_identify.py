@@ -97,7 +97,9 @@ def test_a_leg_stays_near_the_standing_posture_and_the_wheels_stand(joint: str) 
     assert not run.limited.any()
 
 
-def test_the_range_of_a_joint_is_a_share_of_the_way_from_the_first_posture_to_its_limits() -> None:
+def test_the_range_of_a_joint_is_a_fraction_of_the_distance_from_the_first_posture_to_its_limits() -> (
+    None
+):
     knee = ROBOT.joints[ROBOT.joint_index("KneePitch")]
     motion = replace(sweeps_of(FULL), ranges={"KneePitch": 0.5})
     lower, upper = swept_range(motion, "KneePitch", {"KneePitch": 0.4}, ROBOT)
@@ -236,7 +238,7 @@ def test_a_mirrored_model_predicts_the_joint_of_the_other_side(
     assert set(fit_models("affine", only_left, ROBOT, mirror=False).models) == {"LElbowRoll"}
 
 
-def test_a_shared_model_is_that_of_the_first_joint_and_its_cost_is_told(folder: Path) -> None:
+def test_a_shared_model_is_that_of_the_first_joint_and_its_cost_is_reported(folder: Path) -> None:
     result = fit_folder(folder, "affine")
     models = result.models.models
     assert models["HeadPitch"] == models["RElbowRoll"] == models["LElbowRoll"]
@@ -258,7 +260,7 @@ def test_a_shared_model_is_that_of_the_first_joint_and_its_cost_is_told(folder: 
 
 
 @pytest.mark.parametrize("halves", [False, True])
-def test_own_and_shared_models_know_the_same_limit_of_the_target(
+def test_own_and_shared_models_have_the_same_limit_of_the_target(
     halves: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Both have the constants of the joint itself: sharing costs nothing."""
@@ -304,19 +306,19 @@ def test_a_joint_that_stands_still_is_refused(recordings: IdentificationDataset)
 
 
 def test_models_come_with_fits_of_all_methods_and_progress_counts_seconds() -> None:
-    told: list[tuple[float, float]] = []
+    reported: list[tuple[float, float]] = []
     result = identify_joints(
         "mujoco",
         ["LShoulderRoll"],
         SHORT,
         "affine",
         workers=1,
-        progress=lambda what, done, total: told.append((done, total)),
+        progress=lambda what, done, total: reported.append((done, total)),
     )
     assert list(result.fits) == ["affine", "cart", CLOSED_FORM]
     seconds = [run.seconds for run in plan_runs(ROBOT, ["LShoulderRoll"], SHORT)]
-    np.testing.assert_allclose([done for done, _ in told], [0.0, *np.cumsum(seconds)])
-    assert {total for _, total in told} == {sum(seconds)}
+    np.testing.assert_allclose([done for done, _ in reported], [0.0, *np.cumsum(seconds)])
+    assert {total for _, total in reported} == {sum(seconds)}
     fit = result.fits["affine"]["LShoulderRoll"]
     assert list(result.models.models) == ["LShoulderRoll"]
     assert result.models.test_fit["LShoulderRoll"] == fit.test

@@ -330,7 +330,7 @@ def ended(reason: str) -> None:
     ("uri", "message"),
     [
         ("mujoco", "draws nothing"),
-        ("mujoco://?plant=random&draw=2", "its draw says nothing beside a list of draws"),
+        ("mujoco://?plant=random&draw=2", "its draw has no meaning next to a list of draws"),
         ("mujoco://?plant=randon", "did you mean random"),
         ("mock", "unknown key 'draw'"),
         ("naoqi://127.0.0.1", "unknown key 'draw'"),
@@ -348,7 +348,7 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
         identified(tmp_path / "file", 0)
 
 
-def test_a_joint_of_which_the_models_know_nothing_is_a_warning(
+def test_a_joint_that_is_not_in_the_models_is_a_warning(
     made: tuple[IdentifiedRobot, ...],
 ) -> None:
     report = json.loads(json.dumps(made[0].report))

@@ -1,4 +1,4 @@
-"""Poor recordings are told from good ones."""
+"""Poor recordings are distinguished from good ones."""
 
 import re
 from collections.abc import Callable

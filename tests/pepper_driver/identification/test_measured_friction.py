@@ -76,7 +76,7 @@ def test_a_joint_that_stands_shows_no_dead_band() -> None:
     assert measure_dead_band([run], "LElbowRoll", ROBOT) is None
 
 
-def test_a_load_that_hardly_changes_tells_no_scale() -> None:
+def test_a_load_that_hardly_changes_gives_no_scale() -> None:
     found = measure_friction([sweeps(0.5, 1.0, 0.0, gravity=0.1)], JOINT, ROBOT)
     assert found is not None
     assert found.load_scale is None
@@ -109,7 +109,7 @@ def test_a_current_that_is_noise_alone_shows_no_friction() -> None:
 
 
 @pytest.mark.parametrize("speed", [0.02, 0.8])
-def test_a_motion_that_is_too_slow_or_too_fast_tells_nothing(speed: float) -> None:
+def test_a_motion_that_is_too_slow_or_too_fast_gives_no_result(speed: float) -> None:
     assert measure_friction([sweeps(0.5, 1.0, 0.0, speed=speed)], JOINT, ROBOT) is None
 
 

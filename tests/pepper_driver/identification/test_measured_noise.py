@@ -48,16 +48,16 @@ def test_a_joint_that_never_rests_shows_no_noise() -> None:
     assert measure_noise(run_of(command, command), JOINT) is None
 
 
-@pytest.mark.parametrize("share", [0.0, 0.02, 0.1])
-def test_lost_samples_repeat_the_one_before_while_the_joint_moves(share: float) -> None:
+@pytest.mark.parametrize("fraction", [0.0, 0.02, 0.1])
+def test_lost_samples_repeat_the_one_before_while_the_joint_moves(fraction: float) -> None:
     rng = np.random.default_rng(4)
     true = 0.02 * np.arange(4000.0)  # 1.7 rad/s
-    lost = rng.random(len(true)) < share
+    lost = rng.random(len(true)) < fraction
     seen = true.copy()
     for k in np.flatnonzero(lost):
         seen[k] = seen[k - 1]
     found = lost_fraction([run_of(seen)], [JOINT], ROBOT)
-    assert found == pytest.approx(share, abs=0.01)
+    assert found == pytest.approx(fraction, abs=0.01)
     # A joint that stands repeats its samples all the same.
     assert lost_fraction([run_of(np.zeros(500))], [JOINT], ROBOT) is None
 

@@ -72,12 +72,12 @@ def test_the_tick_in_which_currents_answer_is_found(lead: int, seed: int) -> Non
 
 @pytest.mark.parametrize("seed", range(3))
 def test_answers_that_come_late_now_and_then_widen_the_spread_and_not_the_delay(seed: int) -> None:
-    calm, late = (
+    quiet, late = (
         measure_response(stepping(1, seed=seed, pairs=20, late=late), MOVING, ROBOT)
         for late in (0.0, 0.25)
     )
-    assert calm.lead == late.lead == 1
-    assert calm.latest <= 2.0
+    assert quiet.lead == late.lead == 1
+    assert quiet.latest <= 2.0
     assert late.latest >= 3.5
 
 

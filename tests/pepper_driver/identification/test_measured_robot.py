@@ -298,7 +298,7 @@ def test_only_the_fast_arms_are_asked_for() -> None:
         ("mujoco", "mujoco"),
     ],
 )
-def test_a_robot_that_does_not_know_its_delay_is_told(uri: str, expected: str) -> None:
+def test_a_robot_without_its_delay_gets_it(uri: str, expected: str) -> None:
     assert with_delay(uri, 7) == expected
 
 

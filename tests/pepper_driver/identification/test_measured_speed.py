@@ -28,9 +28,9 @@ def limited(command: FloatArray, speed: float, lag: float = 0.05) -> FloatArray:
     return position
 
 
-def moves(told: float, *, way: float = 1.0, count: int = 4) -> FloatArray:
+def moves(commanded: float, *, way: float = 1.0, count: int = 4) -> FloatArray:
     """To and fro at a speed, with rests between."""
-    up = np.linspace(0.0, way, max(2, round(way / told / CYCLE) + 1))
+    up = np.linspace(0.0, way, max(2, round(way / commanded / CYCLE) + 1))
     one = np.concatenate((np.zeros(80), up, np.full(80, way), up[::-1]))
     return np.concatenate((np.tile(one, count), np.zeros(80)))
 
@@ -44,14 +44,14 @@ def run_of(command: FloatArray, position: FloatArray) -> Recording:
 
 
 @pytest.mark.parametrize("limit", [1.2, 1.9, 2.4])
-@pytest.mark.parametrize("told", [1.0, 1.6, 3.0])
-def test_a_joint_that_falls_behind_shows_its_speed(limit: float, told: float) -> None:
-    command = moves(told)
+@pytest.mark.parametrize("commanded", [1.0, 1.6, 3.0])
+def test_a_joint_that_falls_behind_shows_its_speed(limit: float, commanded: float) -> None:
+    command = moves(commanded)
     found = measure_speed(run_of(command, limited(command, limit)), JOINT, ROBOT)
     assert found is not None
-    assert found.commanded == pytest.approx(told, rel=0.05)
-    assert found.limited == (told > limit)
-    assert found.reached == pytest.approx(min(told, limit), rel=0.06)
+    assert found.commanded == pytest.approx(commanded, rel=0.05)
+    assert found.limited == (commanded > limit)
+    assert found.reached == pytest.approx(min(commanded, limit), rel=0.06)
     assert found.moves == 8
 
 
@@ -84,7 +84,7 @@ def test_late_samples_make_no_limit() -> None:
     assert found.reached == pytest.approx(2.0, rel=0.05)
 
 
-def test_small_moves_and_a_joint_that_stands_tell_nothing() -> None:
+def test_small_moves_and_a_joint_that_stands_give_no_result() -> None:
     small = moves(1.0, way=0.1)
     assert measure_speed(run_of(small, small), JOINT, ROBOT) is None
     still = np.zeros(500)
@@ -100,10 +100,10 @@ def test_a_simulated_robot_shows_the_limiter_of_its_targets() -> None:
     settings = load_controller_settings(ROBOT)
     limit = load_plant("recorded-heavy", ROBOT).targets.speed_limit
     assert limit is not None
-    for told in (1.5, 2.5):
+    for commanded in (1.5, 2.5):
         arms = [name for chain in ("left_arm", "right_arm") for name in ROBOT.chains[chain]]
         faster = replace(
-            settings, velocity_limit={**settings.velocity_limit, **dict.fromkeys(arms, told)}
+            settings, velocity_limit={**settings.velocity_limit, **dict.fromkeys(arms, commanded)}
         )
         builder = RecordingBuilder(ROBOT)
         pepper = Pepper(
@@ -118,5 +118,5 @@ def test_a_simulated_robot_shows_the_limiter_of_its_targets() -> None:
         for joint in ("LElbowRoll", "RElbowRoll"):
             found = measure_speed(run, joint, ROBOT)
             assert found is not None
-            assert found.limited == (told > limit)
-            assert found.reached == pytest.approx(min(told, limit), rel=0.1)
+            assert found.limited == (commanded > limit)
+            assert found.reached == pytest.approx(min(commanded, limit), rel=0.1)

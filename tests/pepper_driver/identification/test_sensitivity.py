@@ -1,4 +1,4 @@
-"""Thresholds told as torque and as forces, and joints that notice hardly any touch."""
+"""Thresholds given as torque and as forces, and joints that notice hardly any touch."""
 
 from dataclasses import replace
 
@@ -89,7 +89,7 @@ def test_forces_turn_the_joint_as_much_as_the_threshold(joint: str) -> None:
             assert way < 0.04 * angle
 
 
-def test_a_joint_behind_a_place_does_not_tell_forces_there() -> None:
+def test_a_joint_behind_a_place_has_no_forces_there() -> None:
     models = {name: fusion_model() for name in ("LWristYaw", "HeadYaw", "LElbowYaw")}
     found = joint_sensitivities(models, ROBOT)
     assert "forearm" not in found["LWristYaw"].forces

@@ -31,7 +31,7 @@ ROBOT = load_robot()
 CONTROLLER = load_controller_settings(ROBOT)
 
 
-def test_a_run_can_be_told_from_its_log(tmp_path: Path) -> None:
+def test_a_run_can_be_reconstructed_from_its_log(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     controller = replace(CONTROLLER, feedback="joints")
     with Pepper("mujoco://?seed=7&plant=integral", log=path, controller=controller) as pepper:

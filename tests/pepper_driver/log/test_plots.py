@@ -222,15 +222,15 @@ def test_a_stretch_of_time(log: RunLog) -> None:
             contact_figure(log, start=start, stop=stop)
 
 
-def test_what_the_gate_altered_is_shown_as_it_was_wanted(log: RunLog) -> None:
-    wanted = "requested, before the safety gate"
-    assert not lines(panels(contact_figure(log, ["LShoulderRoll"]))[0], wanted)
+def test_what_the_gate_altered_is_shown_as_it_was_requested(log: RunLog) -> None:
+    label = "requested, before the safety gate"
+    assert not lines(panels(contact_figure(log, ["LShoulderRoll"]))[0], label)
     limited = log["limited"].copy()
     limited[100, ROLL] = True
     log = replace(log, fields={**log.fields, "limited": limited})
-    (line,) = lines(panels(contact_figure(log, ["LShoulderRoll"]))[0], wanted)
+    (line,) = lines(panels(contact_figure(log, ["LShoulderRoll"]))[0], label)
     np.testing.assert_allclose(data(line), np.rad2deg(log["reference_position"][:, ROLL]))
-    assert not lines(panels(contact_figure(log, ["LElbowRoll"]))[0], wanted)
+    assert not lines(panels(contact_figure(log, ["LElbowRoll"]))[0], label)
 
 
 def shaded(axes: Axes) -> tuple[float, float] | None:

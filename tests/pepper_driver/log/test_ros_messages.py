@@ -281,7 +281,7 @@ def test_a_log_from_before_these_topics_is_read_and_repaired(tmp_path: Path) -> 
         written.check(read)
 
 
-def test_a_urdf_that_has_gone_is_one_line(tmp_path: Path) -> None:
+def test_a_removed_urdf_is_one_line(tmp_path: Path) -> None:
     robot = replace(ROBOT, urdf=tmp_path / "gone.urdf")
     with pytest.raises(LogError, match=r"gone\.urdf: cannot be read for the log \(.*no such"):
         LogWriter(tmp_path / "a.mcap", robot, {})

@@ -6,7 +6,7 @@ import pytest
 from pepper_driver.log.touches import PUSH_PAUSE, touches
 
 CYCLE = 0.012
-LONGEST = int(PUSH_PAUSE / CYCLE)
+MAX_PAUSE = int(PUSH_PAUSE / CYCLE)
 """Untouched ticks that are no pause."""
 
 
@@ -21,8 +21,8 @@ def rows(*parts: tuple[bool, int]) -> np.ndarray[tuple[int], np.dtype[np.bool_]]
         (rows((False, 5)), []),
         (rows((True, 5)), [(0, 4)]),
         (rows((False, 3), (True, 1), (False, 3)), [(3, 3)]),
-        (rows((True, 2), (False, LONGEST - 1), (True, 3)), [(0, LONGEST + 3)]),
-        (rows((True, 2), (False, LONGEST), (True, 3)), [(0, 1), (LONGEST + 2, LONGEST + 4)]),
+        (rows((True, 2), (False, MAX_PAUSE - 1), (True, 3)), [(0, MAX_PAUSE + 3)]),
+        (rows((True, 2), (False, MAX_PAUSE), (True, 3)), [(0, 1), (MAX_PAUSE + 2, MAX_PAUSE + 4)]),
     ],
 )
 def test_touches_are_parted_by_pauses(

@@ -51,18 +51,18 @@ def pusher(pepper: Pepper, name: str, force: FloatArray, *delays: float) -> None
 def test_touches_of_a_sensor_are_labelled_when_they_happen(
     tmp_path: Path, source: str, sensor: str, force: list[float], link: str, joint: str | None
 ) -> None:
-    path, told = tmp_path / "run.mcap", list[Label]()
+    path, reported = tmp_path / "run.mcap", list[Label]()
     done = record_labelled(
         "mujoco",
         path,
         source,
         seconds=2.4,
-        on_label=told.append,
+        on_label=reported.append,
         on_start=lambda pepper: pusher(pepper, sensor, np.array(force), 0.3, 1.4),
     )
     log = read_log(path)
     assert log.complete
-    assert log.labels == told
+    assert log.labels == reported
     assert (done.touches, done.released, done.interrupt, done.missing) == (2, True, None, 0)
     assert done.seconds == pytest.approx(2.4)
     assert len(log) == 200
@@ -74,7 +74,7 @@ def test_touches_of_a_sensor_are_labelled_when_they_happen(
         assert push.onset in log["time"]
         assert (push.link, push.joint) == (link, joint)
     sensed = [event for event in log.events if event.kind not in ("step", "cue", "push")]
-    assert len(sensed) >= 4, "what the sensors told is logged as in any other run"
+    assert len(sensed) >= 4, "what the sensors reported is logged as in any other run"
     recording = recording_of(log, ROBOT)
     np.testing.assert_array_equal(recording.position, log["position"])
     assert log.truth is not None

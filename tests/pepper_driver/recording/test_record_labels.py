@@ -103,7 +103,7 @@ def test_a_key_counts_from_the_first_tick_on() -> None:
         (None, "HipPitch", ("Hip", None)),
     ],
 )
-def test_a_key_touches_what_it_is_told(
+def test_a_key_touches_the_given_place(
     link: str | None, joint: str | None, expected: tuple[str | None, str | None]
 ) -> None:
     bar = SpaceBar()

@@ -32,8 +32,8 @@ def test_the_space_bar_and_q_stop_and_other_keys_do_not(terminal: int) -> None:
     import termios
 
     before = termios.tcgetattr(sys.stdin.fileno())
-    told: list[str] = []
-    with StopKey(told.append) as key:
+    reported: list[str] = []
+    with StopKey(reported.append) as key:
         assert key.listening
         os.write(terminal, b"xyz\n\x1b[A")
         for press, text in (
@@ -42,9 +42,9 @@ def test_the_space_bar_and_q_stop_and_other_keys_do_not(terminal: int) -> None:
             (b"Q", "q was pressed"),
         ):
             os.write(terminal, press)
-            assert wait_until(lambda: told), "the key was not seen"
-            assert told == [text]
-            told.clear()
+            assert wait_until(lambda: reported), "the key was not seen"
+            assert reported == [text]
+            reported.clear()
     assert not key.listening
     assert termios.tcgetattr(sys.stdin.fileno()) == before
 
@@ -52,10 +52,10 @@ def test_the_space_bar_and_q_stop_and_other_keys_do_not(terminal: int) -> None:
 def test_what_was_typed_before_stops_nothing(terminal: int) -> None:
     os.write(terminal, b" q\n")
     assert select.select([sys.stdin], [], [], 10.0)[0]  # terminals take their time
-    told: list[str] = []
-    with StopKey(told.append):
+    reported: list[str] = []
+    with StopKey(reported.append):
         time.sleep(0.3)
-    assert told == []
+    assert reported == []
 
 
 def test_without_a_terminal_nothing_is_read(

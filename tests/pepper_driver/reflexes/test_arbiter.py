@@ -1,4 +1,4 @@
-"""Shares in posture, base, stiffness and tasks: of user, experiment, reflexes of several priorities, and a pause."""
+"""Parts of posture, base, stiffness and tasks: of user, experiment, reflexes of several priorities, and a pause."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_the_user_has_the_posture_until_a_reflex_takes_it_and_gets_it_back() -> 
     assert stage.controller.posture.stiffness == 40.0
 
 
-def test_a_motion_of_the_posture_begins_anew_after_it_was_held() -> None:
+def test_a_motion_of_the_posture_begins_again_after_it_was_held() -> None:
     stage = Stage(Hold(release_delay=0.1))
     stage.arbiter.move_to(turned(stage, YAW, 0.6), duration=2.0)
     stage.run(1.0)
@@ -148,7 +148,9 @@ def test_joints_of_one_reflex_move_while_another_has_the_rest() -> None:
     assert after[YAW] == pytest.approx(0.4, abs=0.01), "the user's posture has the others"
 
 
-def test_nobody_holds_without_a_contact_and_observations_are_not_needed_without_reflexes() -> None:
+def test_no_reflex_holds_without_a_contact_and_observations_are_not_needed_without_reflexes() -> (
+    None
+):
     stage = Stage()
     stage.arbiter.move_to(turned(stage, YAW, 0.4), duration=0.5)
     measurement = standing_measurement()
@@ -166,7 +168,7 @@ def test_without_an_observation_reflexes_are_not_asked() -> None:
     assert stage.reflexes[0].active
 
 
-def test_reflexes_of_a_run_before_begin_anew() -> None:
+def test_reflexes_of_a_run_before_begin_again() -> None:
     stage = Stage(Hold())
     stage.step(touch())
     assert stage.reflexes[0].active
@@ -183,11 +185,11 @@ def test_a_reflex_that_was_one_of_two_has_its_name_for_itself_again() -> None:
 
 
 class Taking(Reflex):
-    """Has the joints that it is told to, as many of them as it gets."""
+    """Has the joints that a test gives it, as many of them as it gets."""
 
     def __init__(self, joints: list[str], **arguments: Any) -> None:
         super().__init__(release_delay=0.0, **arguments)
-        self.wanted = joints
+        self.claimed = joints
 
     def begin(self, contact: Contact, requests: ReflexRequests) -> None:
         pass
@@ -195,7 +197,7 @@ class Taking(Reflex):
     def act(
         self, observation: Observation, measurement: Measurement, requests: ReflexRequests
     ) -> None:
-        for joint in self.wanted:
+        for joint in self.claimed:
             requests.claim([joint])
 
 
@@ -205,8 +207,8 @@ def test_an_event_says_that_a_reflex_has_lost_one_joint() -> None:
     stage = Stage(low, high)
     stage.step(touch(1))
     stage.step(touch(2, link="Head", joint="HeadYaw"))
-    told = [(event.reflex, event.phase, event.held_joints) for event in stage.events]
-    assert told == [
+    reported = [(event.reflex, event.phase, event.held_joints) for event in stage.events]
+    assert reported == [
         ("low", "begin", ("HeadYaw", "HeadPitch")),
         ("high", "begin", ("HeadYaw",)),
         ("low", "update", ("HeadPitch",)),
@@ -287,7 +289,7 @@ def test_the_time_of_a_drive_passes_while_a_reflex_has_the_base(reflex: type[Ref
     stage.run(1.0)
     stage.step(touch(phase="end"))
     stage.run(1.0)
-    assert abs(base_speed(stage)) < 1e-3, "it was told so a second ago"
+    assert abs(base_speed(stage)) < 1e-3, "its command came a second ago"
 
 
 def pulled(stage: Stage, force: float) -> dict[str, float]:
@@ -300,7 +302,7 @@ def pulled(stage: Stage, force: float) -> dict[str, float]:
 
 
 @pytest.mark.parametrize(("stop", "follows"), [(1, True), (9, False)])
-def test_of_two_that_want_the_base_the_higher_priority_gets_it(stop: int, follows: bool) -> None:
+def test_of_two_that_claim_the_base_the_higher_priority_gets_it(stop: int, follows: bool) -> None:
     """StopBase is above FollowHand when it is to be safe, and may be below."""
     stage = Stage(FollowHand(follow_with="base", priority=5), StopBase(priority=stop))
     torque = pulled(stage, 12.0)
@@ -565,9 +567,9 @@ def test_the_controllers_tasks_are_the_users_the_steps_and_those_of_active_refle
                 player = None
             goals = [] if player is None else [goal.task for goal in player._active]
             requested = [task for reflex in reflexes for task in reflex.requested]
-            wanted = [*stage.own_tasks, *added, *goals, *requested]
-            assert names(stage.controller.tasks) == names(wanted)
-            assert {id(task) for task in stage.controller.tasks} == {id(task) for task in wanted}
+            expected = [*stage.own_tasks, *added, *goals, *requested]
+            assert names(stage.controller.tasks) == names(expected)
+            assert {id(task) for task in stage.controller.tasks} == {id(task) for task in expected}
             for reflex in reflexes:
                 assert reflex.active or not reflex.requested
     if player is not None:

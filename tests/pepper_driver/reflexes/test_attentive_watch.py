@@ -151,7 +151,7 @@ def test_a_joint_of_lowered_stiffness_rests_for_no_observer_judges_it() -> None:
 
 
 def stuck(*joints: int) -> Follow:
-    """Joints that friction holds, as under a load that nobody identified."""
+    """Joints that friction holds, as under a load that was not identified."""
 
     def follow(dither: FloatArray) -> FloatArray:
         position = dither.copy()

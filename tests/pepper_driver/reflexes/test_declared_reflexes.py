@@ -109,7 +109,7 @@ def test_conflicts_are_refused_and_a_priority_cures_them(
     one: dict[str, Any], other: dict[str, Any]
 ) -> None:
     for pair in ((one, other), (other, one)):
-        with pytest.raises(ConfigError, match=r"key 'reactions\.1'.*same priority.*both want"):
+        with pytest.raises(ConfigError, match=r"key 'reactions\.1'.*same priority.*both claim"):
             make(*pair)
     make(one, {**other, "priority": 7})
 

@@ -98,7 +98,7 @@ def test_all_of_a_robot_come_back_in_their_order_with_their_names() -> None:
     assert [reflex.full_name for reflex in made] == names
 
 
-def test_a_class_that_nobody_registered_is_told_from_one_of_the_same_name() -> None:
+def test_an_unregistered_class_differs_from_one_of_the_same_name() -> None:
     mine = type("Hold", (Hold,), {})
     assert declare(Hold()).get("class") is None
     assert declare(mine())["class"] == "Hold"

@@ -87,7 +87,7 @@ def test_a_motion_let_go_near_its_end_does_not_hurry() -> None:
         assert pepper.controller.position[YAW] == pytest.approx(0.5, abs=0.01)
     # Of least jerk within a second: 15/8 of the mean speed.
     assert speeds.between(3.0, 9.0)[0] == pytest.approx(0.4 * 15 / 8, rel=0.1)
-    assert report.steps[0].duration == pytest.approx(4.0, abs=0.03), "until 3 s, and 1 s afresh"
+    assert report.steps[0].duration == pytest.approx(4.0, abs=0.03), "until 3 s, and 1 s again"
 
 
 def test_the_clock_of_a_held_motion_stands() -> None:
@@ -129,7 +129,7 @@ def test_what_was_reached_and_led_away_again_is_to_be_reached_again() -> None:
 
 
 def test_a_base_that_was_held_keeps_what_the_motion_left_open() -> None:
-    """A twist that came to rest beside the way: the base is to return to the line it began on."""
+    """A twist that came to rest off the path: the base is to return to the line it began on."""
 
     def shove(position: FloatArray) -> FloatArray:
         pepper.controller.override_state(position, [0.0, 0.1, 0.0])

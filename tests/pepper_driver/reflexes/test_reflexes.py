@@ -164,7 +164,7 @@ def test_several_contacts_are_one_reaction() -> None:
         ({"min_intensity_deg": 4.0}, False),
     ],
 )
-def test_it_is_for_the_contacts_it_is_told(choice: dict[str, Any], acts: bool) -> None:
+def test_it_is_for_the_chosen_contacts(choice: dict[str, Any], acts: bool) -> None:
     stage = Stage(reflex := StopBase(**choice))
     stage.step(touch())
     assert reflex.active == acts
@@ -261,9 +261,9 @@ def test_assist_helps_who_pushes_hard_more_than_who_pushes_lightly() -> None:
     for torque in (1.0, 4.0):
         for kind in (Comply, Assist):
             stage = Stage(kind(damping=8.0))
-            felt = {"LShoulderRoll": torque}
-            before = stage.step(touch(), torque=felt)[ROLL]
-            ways[kind, torque] = stage.run(0.6, torque=felt)[-1, ROLL] - before
+            external = {"LShoulderRoll": torque}
+            before = stage.step(touch(), torque=external)[ROLL]
+            ways[kind, torque] = stage.run(0.6, torque=external)[-1, ROLL] - before
     assert ways[Assist, 4.0] > 1.5 * ways[Comply, 4.0]
     assert ways[Assist, 1.0] < 0.8 * ways[Comply, 1.0]
 
@@ -272,11 +272,11 @@ def test_assist_helps_who_pushes_hard_more_than_who_pushes_lightly() -> None:
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_retract_goes_the_way_the_torque_pushes_and_stops_when_it_is_gone(sign: int) -> None:
+def test_retract_goes_the_way_the_torque_pushes_and_stops_when_it_ends(sign: int) -> None:
     stage = Stage(Retract(speed=0.5))
-    felt = {"LShoulderRoll": 2.0 * sign}
-    before = stage.step(touch(direction=sign), torque=felt)[ROLL]
-    away = sign * (stage.run(0.4, torque=felt)[:, ROLL] - before)
+    external = {"LShoulderRoll": 2.0 * sign}
+    before = stage.step(touch(direction=sign), torque=external)[ROLL]
+    away = sign * (stage.run(0.4, torque=external)[:, ROLL] - before)
     assert 0.05 < away[-1] < 0.25
     assert (np.diff(away) > -1e-6).all()
     rest = sign * (stage.run(1.0)[:, ROLL] - before)
@@ -319,9 +319,9 @@ def test_the_base_follows_the_pull_at_a_hand() -> None:
     model, posture = stage.controller.model, stage.controller.position
     jacobian = model.point_jacobian("l_wrist", np.zeros(3), posture)
     torque = jacobian.T @ np.array([12.0, 0.0, 0.0])
-    felt = {ROBOT.joint_names[k]: float(torque[k]) for k in ARM[:5]}
-    before = stage.step(touch(), torque=felt)
-    after = stage.run(1.0, torque=felt)[-1]
+    external = {ROBOT.joint_names[k]: float(torque[k]) for k in ARM[:5]}
+    before = stage.step(touch(), torque=external)
+    after = stage.run(1.0, torque=external)[-1]
     x, y, _ = stage.controller.base_pose
     assert x > 0.03
     assert abs(y) < 0.5 * x
@@ -420,7 +420,7 @@ def test_the_page_has_the_defaults_of_every_reflex() -> None:
 
 
 def test_events_say_which_reflex_has_the_joints() -> None:
-    """Two want one arm: the log tells at any time which of them has it."""
+    """Two claim one arm: the log says at any time which of them has it."""
     arm = tuple(name for name in ROBOT.limbs["left_arm"] if name not in ROBOT.hands.joints)
     stage = Stage(Retract(kind="collision"), FollowHand(), Retract(limb="head", kind="collision"))
     stage.step(touch(1))
@@ -428,8 +428,10 @@ def test_events_say_which_reflex_has_the_joints() -> None:
     stage.run(0.1)
     stage.step(touch(1, phase="end"))
     stage.run(2.0)
-    told = [(e.reflex, e.kind, e.number, e.phase, e.joints, e.held_joints) for e in stage.events]
-    assert told == [
+    reported = [
+        (e.reflex, e.kind, e.number, e.phase, e.joints, e.held_joints) for e in stage.events
+    ]
+    assert reported == [
         ("follow_hand", "follow_hand", 1, "begin", arm, arm),
         ("retract 1", "retract", 1, "begin", arm, arm),
         ("follow_hand", "follow_hand", 1, "update", arm, ()),

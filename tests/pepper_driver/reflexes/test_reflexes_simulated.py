@@ -1,4 +1,4 @@
-"""Reflexes on the simulated robot: what is felt of a real push leads the arm, and its own motion keeps none alive."""
+"""Reflexes on the simulated robot: the detected torque of a push leads the arm, and its own motion keeps none alive."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ def test_an_arm_gives_way_and_what_it_does_then_is_no_contact(then: Any) -> None
         pepper.run(1.1)
         assert np.linalg.norm(place() - start) > 0.05
         pepper.run(1.0)
-        told = len(pepper.contact_history)
+        reported = len(pepper.contact_history)
         led = place()
         pepper.run(4.0)
         away = np.linalg.norm(place() - start)
         assert away > 0.05 if then == "stay" else away < 0.03
         if then == "stay":
             assert np.linalg.norm(place() - led) < 0.02
-        assert len(pepper.contact_history) == told
+        assert len(pepper.contact_history) == reported
         assert reactions(pepper, events) == [("comply", "begin"), ("comply", "end")]
 
 
@@ -64,7 +64,7 @@ def test_an_arm_goes_away_from_a_hand_that_holds_on() -> None:
         with Pepper("mujoco://?seed=5", reflexes=reflexes) as pepper:
             ready(pepper)
             truth = pepper.backend.truth
-            # Square to the forearm: what pulls along it, no joint feels.
+            # Square to the forearm: a pull along it puts no torque on a joint.
             arm = truth.link_pose("LForeArm")[:3, 0]
             pull = 0.05 * (np.array([0.0, 1.0, 0.0]) - arm[1] * arm)
             pepper.backend.grab("LForeArm", pull, POINT, rise=0.3, hold=2.0, release=0.2)

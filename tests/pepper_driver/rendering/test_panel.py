@@ -1,4 +1,4 @@
-"""Signals beside the robot: what is drawn, in which unit and scale, and where the cursor stands."""
+"""Signals next to the robot: what is drawn, in which unit and scale, and where the cursor stands."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def test_the_cursor_goes_evenly_and_what_comes_later_is_faint(log: RunLog) -> No
     inside = slice(columns[0] + 5, columns[-1] - 5)
     assert begin[:, inside].mean() > end[:, inside].mean(), "nothing has come yet"
     middle = panel.draw(float(times[2]))
-    gone = slice(columns[0] + 5, columns[2] - 5)
+    swept = slice(columns[0] + 5, columns[2] - 5)
     to_come = slice(columns[2] + 5, columns[-1] - 5)
-    np.testing.assert_array_equal(middle[:, gone], end[:, gone])
+    np.testing.assert_array_equal(middle[:, swept], end[:, swept])
     np.testing.assert_array_equal(middle[:, to_come], begin[:, to_come])

@@ -239,7 +239,7 @@ def test_a_strong_touch_has_an_arrow_that_stays_in_the_picture(scene: SceneRende
 
 @pytest.mark.parametrize("newtons", [20.0, 500.0])
 def test_a_true_force_has_an_arrow_to_where_it_acts(scene: SceneRenderer, newtons: float) -> None:
-    point = np.array([0.2, 0.3, 0.9])  # beside the robot, where nothing hides it
+    point = np.array([0.2, 0.3, 0.9])  # next to the robot, where nothing hides it
     force = Force(link="LForeArm", point=point, force=np.array([0.0, -newtons, 0.0]))
     changed = (scene.draw(picture(forces=(force,))) != scene.draw(picture())).any(axis=2)
     rows, columns = np.nonzero(changed)

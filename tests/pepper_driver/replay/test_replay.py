@@ -1,4 +1,4 @@
-"""Replays decide what was decided then, bit for bit; what differs is told, and what is missing."""
+"""Replays decide what was decided then, bit for bit; what differs is reported, and what is missing."""
 
 from __future__ import annotations
 
@@ -295,7 +295,7 @@ def test_a_robot_that_was_not_well_stops_the_replay_as_well(
     assert difference.text.startswith("stop of the robot")
 
 
-def test_a_stop_by_hand_is_told_and_is_no_difference(tmp_path: Path) -> None:
+def test_a_stop_by_hand_is_reported_and_is_no_difference(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with Pepper(URI, log=path) as pepper:
         pepper.run(0.3)
@@ -319,7 +319,7 @@ def unplugged(measurement: Measurement) -> Measurement:
         (unplugged, NotConnectedError, "the connection was lost"),
     ],
 )
-def test_a_stop_that_no_measurement_shows_is_told_and_is_no_difference(
+def test_a_stop_that_no_measurement_shows_is_reported_and_is_no_difference(
     tmp_path: Path, fault: Fault, error: type[PepperError], words: str
 ) -> None:
     path = tmp_path / "a.mcap"
@@ -337,7 +337,7 @@ def test_a_stop_that_no_measurement_shows_is_told_and_is_no_difference(
 # -- not the same ---------------------------------------------------------------------------------------------------
 
 
-def test_another_setting_is_told(log: Path) -> None:
+def test_another_setting_is_reported(log: Path) -> None:
     run = load_run(log)
     settings = load_observer_settings()
     identities = run.backend.info.identities
@@ -355,7 +355,7 @@ def test_another_setting_is_told(log: Path) -> None:
     assert figures["both"] == figures["recorded"], "the contacts are the same, their updates not"
 
 
-def test_a_changed_bit_of_a_measurement_is_told(log: Path) -> None:
+def test_a_changed_bit_of_a_measurement_is_reported(log: Path) -> None:
     """The comparison sees the last bit: here of one encoder in one tick, half a second before the first push."""
     run = load_run(log)
     joint = ROBOT.joint_index("LShoulderRoll")
@@ -377,7 +377,7 @@ def test_a_changed_bit_of_a_measurement_is_told(log: Path) -> None:
 
 
 @pytest.mark.parametrize("field", ["intensity_deg", "torque", "onset_time"])
-def test_a_changed_bit_of_a_contact_is_told(log: Path, field: str) -> None:
+def test_a_changed_bit_of_a_contact_is_reported(log: Path, field: str) -> None:
     run = load_run(log)
     place, contact = next((i, c) for i, c in enumerate(run.log.contacts) if c.torque is not None)
     value = np.nextafter(getattr(contact, field), 99.0)
@@ -392,7 +392,7 @@ def test_a_changed_bit_of_a_contact_is_told(log: Path, field: str) -> None:
     assert result.differences[0].text.endswith("found only")
 
 
-def test_another_observer_is_held_beside_the_one_of_then(log: Path) -> None:
+def test_another_observer_is_compared_with_the_recorded_one(log: Path) -> None:
     run = load_run(log)
     result = compare(run, replay(run, run.observer("paper"), run.reflexes()))
     assert not result.identical
@@ -419,10 +419,10 @@ def test_other_reflexes_differ_in_events_and_stiffness(log: Path) -> None:
 def test_a_log_that_is_cut_short_is_replayed_as_far_as_it_goes(log: Path, tmp_path: Path) -> None:
     whole, cut = log.read_bytes(), tmp_path / "cut.mcap"
     lengths = set()
-    for share in np.linspace(0.45, 0.98, 12):
-        cut.write_bytes(whole[: int(share * len(whole))])
+    for fraction in np.linspace(0.45, 0.98, 12):
+        cut.write_bytes(whole[: int(fraction * len(whole))])
         _, result = replayed(cut)
-        assert result.identical, (share, result.differences)
+        assert result.identical, (fraction, result.differences)
         assert any("cut short" in note for note in result.notes)
         lengths.add(result.ticks)
     assert len(lengths) > 5
@@ -444,7 +444,7 @@ def test_a_contact_lost_with_the_end_of_the_log_is_no_difference(log: Path, tmp_
     assert replayed(path)[1].identical
 
 
-def test_a_log_without_observer_is_felt_by_another(tmp_path: Path) -> None:
+def test_a_log_without_observer_is_observed_by_another(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with Pepper(URI, observer=None, log=path) as pepper:
         pepper.set_posture({"LShoulderRoll": 0.6})
@@ -462,7 +462,7 @@ def test_a_log_without_observer_is_felt_by_another(tmp_path: Path) -> None:
     assert any("had no observer" in note for note in result.notes)
 
 
-def test_a_log_from_the_middle_of_a_motion_is_felt_as_well(tmp_path: Path) -> None:
+def test_a_log_from_the_middle_of_a_motion_is_observed_as_well(tmp_path: Path) -> None:
     """As ``pepper record`` may begin one: the gate then starts from a robot at rest, which it was not."""
     path = tmp_path / "a.mcap"
     with Pepper(URI, observer=None) as pepper:
@@ -580,7 +580,7 @@ def test_the_command_says_that_all_is_the_same(
     assert json.loads(figures.read_text())["identical"] is True
 
 
-def test_the_command_tells_the_first_difference(
+def test_the_command_reports_the_first_difference(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     settings = tmp_path / "observer.yaml"

@@ -98,7 +98,7 @@ def hold(measurement: Measurement) -> Command:
     return Command(position=measurement.position, stiffness=np.ones(17), wheel_speed=np.zeros(3))
 
 
-def test_another_command_is_told_with_its_size(backend: ReplayBackend) -> None:
+def test_another_command_is_reported_with_its_size(backend: ReplayBackend) -> None:
     backend.open()
     backend.activate()
     joint = ROBOT.joint_index("LElbowRoll")
@@ -149,7 +149,7 @@ def test_another_program_does_not(log: Path) -> None:
 def test_a_command_too_old_to_be_known_is_not_compared(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Beside a sample that answers an older command than the loop keeps, the log has the oldest it kept."""
+    """With a sample that answers an older command than the loop keeps, the log has the oldest it kept."""
     ways = iter([MAX_RESPONSE_DELAY + 10] * 80 + [MAX_RESPONSE_DELAY] * 20)
     path = tmp_path / "run.mcap"
     with Pepper("mujoco://?seed=5", observer=None, log=path) as pepper:

@@ -37,17 +37,17 @@ SMALL = 0.0004
 
 def test_a_reference_within_the_limits_passes_unchanged() -> None:
     g = active_gate()
-    wanted = STAND + SMALL
+    requested = STAND + SMALL
     speeds = np.array([0.03, 0.02, 0.01])
-    gated = g.gate(reference(wanted), ONES, speeds, 0.0)
-    np.testing.assert_array_equal(gated.command.position, wanted)
+    gated = g.gate(reference(requested), ONES, speeds, 0.0)
+    np.testing.assert_array_equal(gated.command.position, requested)
     np.testing.assert_array_equal(gated.command.wheel_speed, speeds)
     assert not gated.limited.any()
     assert not gated.joints_limited
     assert not gated.wheels_limited
     assert not gated.limited.flags.writeable, "it is shared by all such commands"
-    wanted[3] += 1.0
-    assert g.sent.position[3] != wanted[3], "whoever made it may write to it"
+    requested[3] += 1.0
+    assert g.sent.position[3] != requested[3], "its maker may write to it"
 
 
 def test_joints_that_can_just_brake_before_their_limits_pass_unchanged() -> None:
@@ -56,9 +56,9 @@ def test_joints_that_can_just_brake_before_their_limits_pass_unchanged() -> None
     change = SAFETY.acceleration_margin * CONTROLLER.joint_acceleration(ROBOT) * ROBOT.cycle**2
     g.activate(ROBOT.upper - 3.3 * change)
     for away in (2.3, 0.8):
-        wanted = ROBOT.upper - away * change
-        gated = g.gate(reference(wanted), ONES, STILL, 0.0)
-        np.testing.assert_array_equal(gated.command.position, wanted)
+        requested = ROBOT.upper - away * change
+        gated = g.gate(reference(requested), ONES, STILL, 0.0)
+        np.testing.assert_array_equal(gated.command.position, requested)
         assert not gated.limited.any()
         assert not gated.joints_limited
 
@@ -92,8 +92,8 @@ def test_a_robot_that_stands_beyond_its_limits_is_sent_within_them(
     g = active_gate(limit + side * beyond)
     sent = [g.sent]
     for tick in range(50):
-        wanted = limit + side * (beyond - 0.02 * inwards * tick)
-        sent.append(g.gate(reference(wanted), ONES, STILL, 0.0).command)
+        requested = limit + side * (beyond - 0.02 * inwards * tick)
+        sent.append(g.gate(reference(requested), ONES, STILL, 0.0).command)
     for command in sent:
         assert np.isfinite(command.position).all()
         assert (command.position >= ROBOT.lower).all()
@@ -103,9 +103,9 @@ def test_a_robot_that_stands_beyond_its_limits_is_sent_within_them(
 
 def test_a_jump_is_clamped_and_flagged_joint_by_joint() -> None:
     g = active_gate()
-    wanted = STAND.copy()
-    wanted[6] += 0.5
-    gated = g.gate(reference(wanted), ONES, STILL, 0.0)
+    requested = STAND.copy()
+    requested[6] += 0.5
+    gated = g.gate(reference(requested), ONES, STILL, 0.0)
     assert gated.limited.tolist() == [i == 6 for i in range(17)]
     assert gated.joints_limited
     assert not gated.wheels_limited
@@ -114,16 +114,16 @@ def test_a_jump_is_clamped_and_flagged_joint_by_joint() -> None:
 
 def test_old_data_brake_the_robot_and_new_data_let_it_go_on() -> None:
     g = active_gate()
-    wanted = STAND.copy()
+    requested = STAND.copy()
     for step in range(1, 30):
-        wanted = wanted.copy()
-        wanted[6] += min(step * SMALL, 0.02)
-        assert not g.gate(reference(wanted), ONES, np.full(3, 0.02), 0.0).joints_limited
+        requested = requested.copy()
+        requested[6] += min(step * SMALL, 0.02)
+        assert not g.gate(reference(requested), ONES, np.full(3, 0.02), 0.0).joints_limited
     np.testing.assert_array_equal(g.sent.wheel_speed, 0.02)
     steps = []
     for _ in range(30):
         before = g.sent.position
-        held = g.gate(reference(wanted), ONES, np.ones(3), SAFETY.stale_hold + 0.001)
+        held = g.gate(reference(requested), ONES, np.ones(3), SAFETY.stale_hold + 0.001)
         np.testing.assert_array_equal(held.command.wheel_speed, 0.0)
         assert held.wheels_limited
         steps.append(held.command.position[6] - before[6])
@@ -210,7 +210,7 @@ def test_heat_and_charge_are_looked_at_each_period_from_the_first_tick_on(
 
 
 @pytest.mark.parametrize("harm", [heated("HeadYaw", 99.0), drained(0.001)])
-def test_heat_and_charge_that_were_well_once_are_counted_anew(harm: Fault) -> None:
+def test_heat_and_charge_that_were_well_once_are_counted_again(harm: Fault) -> None:
     g, period = active_gate(), round(SAFETY.check_period / ROBOT.cycle)
     for number in range(5 * SAFETY.confirmations):
         bad = number % SAFETY.confirmations != 0
@@ -247,14 +247,14 @@ def test_a_stiffness_that_is_no_array_is_a_fault(stiffness: Any) -> None:
 
 def test_whole_numbers_and_lists_are_numbers() -> None:
     g = active_gate()
-    wanted, whole = (STAND + SMALL).tolist(), np.ones(17, dtype=np.int64)
+    requested, whole = (STAND + SMALL).tolist(), np.ones(17, dtype=np.int64)
     speeds: Any = [0.03, 0.02, 0.01]
-    gated = g.gate(reference(wanted), cast(Any, whole), speeds, 0.0)
+    gated = g.gate(reference(requested), cast(Any, whole), speeds, 0.0)
     assert g.state is RobotState.ACTIVE
     assert not gated.limited.any()
     sent = gated.command
     for values, given in (
-        (sent.position, wanted),
+        (sent.position, requested),
         (sent.stiffness, ONES),
         (sent.wheel_speed, speeds),
     ):
@@ -342,7 +342,7 @@ def test_a_joint_far_from_its_command_is_a_fault_after_a_while() -> None:
     for _ in range(ticks):
         g.watch(far, g.sent)
     assert g.state is RobotState.ACTIVE
-    g.watch(near, g.sent)  # back again: the count starts anew
+    g.watch(near, g.sent)  # back again: the count starts again
     for _ in range(ticks):
         g.watch(far, g.sent)
     assert g.state is RobotState.ACTIVE
@@ -414,7 +414,7 @@ def test_a_gate_is_activated_once() -> None:
 
 def test_wheels_start_and_turn_round_no_faster_than_the_base_may_and_keep_the_direction() -> None:
     g = active_gate()
-    wanted = ROBOT.wheels.matrix @ np.array([0.2, 0.1, 0.0])
+    requested = ROBOT.wheels.matrix @ np.array([0.2, 0.1, 0.0])
     base = ROBOT.limits.base
     limits = np.array(
         [base.linear_acceleration, base.linear_acceleration, base.angular_acceleration]
@@ -425,13 +425,13 @@ def test_wheels_start_and_turn_round_no_faster_than_the_base_may_and_keep_the_di
         count = 0
         while count < 200:
             count += 1
-            gated = g.gate(reference(STAND), ONES, sign * wanted, 0.0)
+            gated = g.gate(reference(STAND), ONES, sign * requested, 0.0)
             sent = gated.command.wheel_speed
             assert (np.abs(sent - before) <= largest + 1e-12).all()
-            np.testing.assert_allclose(np.cross(sent, wanted), 0.0, atol=1e-9)
-            assert gated.wheels_limited == (not np.array_equal(sent, sign * wanted))
+            np.testing.assert_allclose(np.cross(sent, requested), 0.0, atol=1e-9)
+            assert gated.wheels_limited == (not np.array_equal(sent, sign * requested))
             before = sent
-            if np.array_equal(sent, sign * wanted):
+            if np.array_equal(sent, sign * requested):
                 break
         assert 10 < count < 199
 
@@ -440,10 +440,12 @@ def test_wheels_start_and_turn_round_no_faster_than_the_base_may_and_keep_the_di
 @pytest.mark.parametrize("excess", [0.01, 0.5, 30.0])
 def test_wheels_turn_no_faster_than_they_may(wheel: int, excess: float) -> None:
     g = active_gate()
-    wanted = np.roll([1.0, -0.5, 0.25], wheel) * (ROBOT.wheels.speed_limit + excess)
+    requested = np.roll([1.0, -0.5, 0.25], wheel) * (ROBOT.wheels.speed_limit + excess)
     for _ in range(600):
-        sent = g.gate(reference(STAND), ONES, wanted, 0.0).command.wheel_speed
-    np.testing.assert_allclose(sent, wanted * ROBOT.wheels.speed_limit / wanted[wheel], rtol=1e-6)
+        sent = g.gate(reference(STAND), ONES, requested, 0.0).command.wheel_speed
+    np.testing.assert_allclose(
+        sent, requested * ROBOT.wheels.speed_limit / requested[wheel], rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize(
@@ -454,22 +456,22 @@ def test_no_wheel_starts_at_once(wheels: tuple[int, ...], sign: float) -> None:
     base = ROBOT.limits.base
     linear, angular = base.linear_acceleration, base.angular_acceleration
     most = np.abs(ROBOT.wheels.matrix) @ np.array([linear, linear, angular]) * ROBOT.cycle
-    wanted = sign * np.array(wheels, dtype=np.float64)
-    sent = active_gate().gate(reference(STAND), ONES, wanted, 0.0).command.wheel_speed
+    requested = sign * np.array(wheels, dtype=np.float64)
+    sent = active_gate().gate(reference(STAND), ONES, requested, 0.0).command.wheel_speed
     assert (np.abs(sent) <= SAFETY.acceleration_margin * most + 1e-12).all()
-    assert (sent * wanted >= 0.0).all()
+    assert (sent * requested >= 0.0).all()
     assert sent.any()
 
 
 @pytest.mark.parametrize("wheels", [(1, 1, 1), (-1, -1, -1), (1, 1, 0), (0, 1, 1), (0.01, 0, 0)])
-def test_while_a_bumper_is_pressed_wheels_stand_and_then_start_anew(
+def test_while_a_bumper_is_pressed_wheels_stand_and_then_start_again(
     wheels: tuple[float, ...],
 ) -> None:
-    g, wanted = active_gate(), np.array(wheels, dtype=np.float64)
+    g, requested = active_gate(), np.array(wheels, dtype=np.float64)
     for _ in range(20):
         g.gate(reference(STAND), ONES, np.array([0.4, -0.3, 0.5]), 0.0)
     g.watch(pressed("bumpers")(standing_measurement()), g.sent)
-    gated = g.gate(reference(STAND), ONES, wanted, 0.0)
+    gated = g.gate(reference(STAND), ONES, requested, 0.0)
     np.testing.assert_array_equal(gated.command.wheel_speed, 0.0)
     assert gated.wheels_limited
     assert not g.gate(reference(STAND), ONES, STILL, 0.0).wheels_limited
@@ -477,9 +479,11 @@ def test_while_a_bumper_is_pressed_wheels_stand_and_then_start_anew(
         assert g.base_stopped
         g.watch(standing_measurement(), g.sent)
     assert g.base_stopped == ""
-    begun = [h.gate(reference(STAND), ONES, 9.0 * wanted, 0.0).command for h in (g, active_gate())]
+    begun = [
+        h.gate(reference(STAND), ONES, 9.0 * requested, 0.0).command for h in (g, active_gate())
+    ]
     np.testing.assert_array_equal(begun[0].wheel_speed, begun[1].wheel_speed)
 
 
-def test_wheels_that_stand_share_a_command_that_nobody_writes_to() -> None:
+def test_wheels_that_stand_share_a_command_that_is_read_only() -> None:
     assert not active_gate().hold().wheel_speed.flags.writeable

@@ -73,9 +73,9 @@ def test_the_way_to_rest() -> None:
 @examples(60)
 @given(references(), st.floats(0, 1))
 def test_nothing_outside_the_limits_ever_leaves(
-    ticks: list[tuple[Any, Any, Any, float]], share: float
+    ticks: list[tuple[Any, Any, Any, float]], fraction: float
 ) -> None:
-    g = active_gate(ROBOT.lower + share * (ROBOT.upper - ROBOT.lower))
+    g = active_gate(ROBOT.lower + fraction * (ROBOT.upper - ROBOT.lower))
     before, step = g.sent, np.zeros(17)
     for position, stiffness, wheels, age in ticks:
         with np.errstate(over="ignore", invalid="ignore"):
@@ -146,12 +146,12 @@ class Joints:
     st.floats(0, 1),
 )
 def test_small_steps_stay_within_the_limits_of_speed_and_acceleration(
-    speeds: list[float], times: list[int], share: float
+    speeds: list[float], times: list[int], start: float
 ) -> None:
     """Steps that no limit of speed forbids, in fractions of the largest."""
     upper = np.array([0.05, 0.2, 0.5, 1.0])
     speed, acceleration = np.array([0.5, 1.0, 2.0, 4.0]), np.array([40.0, 10.0, 20.0, 10.0])
-    joints = Joints(upper, speed, acceleration, share * upper)
+    joints = Joints(upper, speed, acceleration, start * upper)
     step = np.zeros(4)
     for fraction, repeated in zip(speeds, times, strict=False):
         for _ in range(repeated):
@@ -270,18 +270,18 @@ def test_what_the_controller_sends_flat_out_is_never_changed(seed: int, velocity
     g.activate(controller.position)
     span = ROBOT.upper - ROBOT.lower
     for _ in range(6):
-        share = rng.integers(0, 2, 17) if rng.random() < 0.4 else rng.uniform(0, 1, 17)
-        controller.posture.target = np.clip(ROBOT.lower + share * span, ROBOT.lower, ROBOT.upper)
+        fraction = rng.integers(0, 2, 17) if rng.random() < 0.4 else rng.uniform(0, 1, 17)
+        controller.posture.target = np.clip(ROBOT.lower + fraction * span, ROBOT.lower, ROBOT.upper)
         controller.posture.stiffness = float(rng.choice([5.0, 50.0, 400.0, 3000.0]))
         controller.base_velocity.target = rng.uniform(-1, 1, 3) * [0.35, 0.35, 1.0]
         for tick in range(int(rng.integers(5, 80))):
             controller.hold = bool(tick > 60)
-            wanted = controller.step()
-            wheels = ROBOT.wheels.matrix @ wanted.base_twist
-            gated = g.gate(wanted, np.ones(17), wheels, 0.0)
+            requested = controller.step()
+            wheels = ROBOT.wheels.matrix @ requested.base_twist
+            gated = g.gate(requested, np.ones(17), wheels, 0.0)
             assert not gated.limited.any()
             assert not gated.wheels_limited
-            np.testing.assert_array_equal(gated.command.position, wanted.position)
+            np.testing.assert_array_equal(gated.command.position, requested.position)
 
 
 def test_the_law_that_overshoots_is_stopped_at_the_limit() -> None:

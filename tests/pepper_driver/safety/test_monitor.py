@@ -18,7 +18,7 @@ TAKEN_TICKS = round(SAFETY.stiffness_time / ROBOT.cycle)
 SILENT_TICKS = round(SAFETY.frozen_time / ROBOT.cycle)
 
 
-def told(stiffness: FloatArray | None) -> Measurement:
+def reporting(stiffness: FloatArray | None) -> Measurement:
     return replace(standing_measurement(), stiffness=stiffness)
 
 
@@ -41,9 +41,9 @@ def test_stiffness_that_is_lowered_from_outside_stops_the_robot(
 ) -> None:
     g = active_gate()
     for _ in range(TAKEN_TICKS):
-        g.watch(told(less(1.0, *joints)), g.sent)
+        g.watch(reporting(less(1.0, *joints)), g.sent)
     assert g.state is RobotState.ACTIVE
-    g.watch(told(less(1.0, *joints)), g.sent)
+    g.watch(reporting(less(1.0, *joints)), g.sent)
     assert g.fault is not None
     assert g.fault.reason is FaultReason.STIFFNESS
     assert words in g.fault.text
@@ -59,19 +59,19 @@ def test_stiffness_that_is_lowered_from_outside_stops_the_robot(
 def test_stiffness_that_is_there_or_not_known_stops_nothing(stiffness: FloatArray | None) -> None:
     g = active_gate()
     for _ in range(100):
-        g.watch(told(stiffness), g.sent)
+        g.watch(reporting(stiffness), g.sent)
     assert g.state is RobotState.ACTIVE
 
 
 def test_a_moment_without_stiffness_stops_nothing() -> None:
     g = active_gate()
     for tick in range(200):
-        g.watch(told(less(float(tick % (TAKEN_TICKS + 1) != 0))), g.sent)
+        g.watch(reporting(less(float(tick % (TAKEN_TICKS + 1) != 0))), g.sent)
     assert g.state is RobotState.ACTIVE
-    g.watch(told(ONES), g.sent)
+    g.watch(reporting(ONES), g.sent)
     for _ in range(TAKEN_TICKS + 1):
         assert g.fault is None
-        g.watch(told(less(1.0)), g.sent)
+        g.watch(reporting(less(1.0)), g.sent)
     assert g.fault is not None
 
 
@@ -82,9 +82,9 @@ def test_the_gates_own_ramp_is_no_theft(delay: int) -> None:
         g = active_gate()
         sent: list[Command] = [g.sent] * (delay + 1)
         for tick in range(400):
-            wanted = ONES if (tick // 100) % 2 else np.full(17, 0.0)
-            g.watch(told(sent[-1 - shown].stiffness), sent[-1 - delay])
-            sent.append(g.gate(reference(STAND), wanted, STILL, 0.0).command)
+            requested = ONES if (tick // 100) % 2 else np.full(17, 0.0)
+            g.watch(reporting(sent[-1 - shown].stiffness), sent[-1 - delay])
+            sent.append(g.gate(reference(STAND), requested, STILL, 0.0).command)
         assert g.state is RobotState.ACTIVE
         assert min(command.stiffness.min() for command in sent) < 0.01
 
@@ -94,7 +94,7 @@ def test_softened_joints_may_still_be_taken() -> None:
     for _ in range(100):
         g.gate(reference(STAND), np.full(17, 0.5), STILL, 0.0)
     for _ in range(TAKEN_TICKS + 1):
-        g.watch(told(np.zeros(17)), g.sent)
+        g.watch(reporting(np.zeros(17)), g.sent)
     assert g.fault is not None
     assert "0.00 in place of 0.50" in g.fault.text
 
@@ -212,7 +212,7 @@ def test_what_another_program_commands_stops_the_robot_and_is_named(
 ) -> None:
     g = active_gate()
     g.gate(reference(STAND), ONES, np.full(3, 1.0), 0.0)
-    g.watch(replace(told(ONES), commanded_by_others=names), g.sent)
+    g.watch(replace(reporting(ONES), commanded_by_others=names), g.sent)
     assert g.fault is not None
     assert g.fault.reason is FaultReason.FOREIGN_COMMAND
     assert words in g.fault.text
@@ -223,7 +223,7 @@ def test_what_another_program_commands_stops_the_robot_and_is_named(
     assert not gated.command.wheel_speed.any()
 
 
-def test_why_samples_stay_away_is_told() -> None:
+def test_why_samples_stay_away_is_reported() -> None:
     g = active_gate()
     missing = "no answer from RElbowYaw, whose board is off or unplugged"
     g.watch(replace(standing_measurement(), age=0.2, stale_reason=missing), g.sent)

@@ -1,4 +1,4 @@
-"""The stiffness that boards are told, read back: by whomever it was lowered, and on whatever way the values come."""
+"""The stiffness that boards report: lowered by any program, on any way that the values come."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def test_a_hang_in_a_ramp_is_no_theft(tick: int) -> None:
     assert run.gate.fault is None
 
 
-def test_what_somebody_else_orders_is_seen_in_a_tenth_of_a_second() -> None:
+def test_commands_of_another_program_are_seen_in_a_tenth_of_a_second() -> None:
     run = Run(VirtualRobot(jitter(0.2)))
     run.ticks(20, lambda _: ONES)
     run.robot.order([HARDNESS[ARM]], [0.0], 0.0, "ClearAll")
@@ -206,7 +206,7 @@ def test_who_makes_an_arm_soft_is_seen_and_it_stays_soft(robot: VirtualNaoqi, mo
         if mode == "dcm":
             assert (shown[LEGS] == 1.0).all()
         else:
-            assert np.isnan(shown[LEGS]).all(), "nobody can change it"
+            assert np.isnan(shown[LEGS]).all(), "it cannot be changed"
         robot.call("ALMotion", "setStiffnesses", "RArm", 0.0)
         shown = hold(backend, posture, lambda shown: not shown[arm].any(), 10.0)
         assert not shown[arm].any()
@@ -219,7 +219,7 @@ def test_who_makes_an_arm_soft_is_seen_and_it_stays_soft(robot: VirtualNaoqi, mo
     soft = int(np.argmin(stiffest))
     assert stiffest[soft] < 0.2
     gained = np.diff(box.stiffness[: soft + 1, arm], axis=0).max()
-    assert gained <= 0.0, "nobody gives back what somebody took"
+    assert gained <= 0.0, "no program gives back what another took"
 
 
 def test_a_robot_that_went_to_rest_is_left_at_rest(robot: VirtualNaoqi) -> None:

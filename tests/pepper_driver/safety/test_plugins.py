@@ -1,4 +1,4 @@
-"""Plug-ins: what is wrong with one is told before the robot moves, and by name and line where it fails in a tick."""
+"""Plug-ins: a mistake in one is reported before the robot moves, and by name and line where it fails in a tick."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def refused(call: Callable[[], object], *words: str) -> PepperError:
 
 
 class Mine(Task):
-    """A task of two rows that does what it is told."""
+    """A task of two rows that does what a test requests."""
 
     def __init__(self, write: Callable[[TaskRows], object]) -> None:
         super().__init__(2, stiffness=1.0, weight=1.0, name="mine")
@@ -327,7 +327,7 @@ def test_what_is_no_observer_is_refused_and_not_left_out(nothing: Any) -> None:
 
 @dataclass(kw_only=True, eq=False)
 class Asking(Reflex):
-    """Requests what it is told to, while it is touched."""
+    """Requests what a test gives it, while it is touched."""
 
     request: Callable[[ReflexRequests], object]
     acted: bool = False
@@ -491,12 +491,14 @@ def test_the_event_of_a_lost_robot_names_the_backend_and_its_line(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("pepper_driver.robot.make_backend", lambda *_: Breaking(ROBOT, uri="my://"))
-    pepper, told = make_pepper(), list[str]()
-    pepper.on_fault()(lambda event: told.append(event.fault.text))
+    pepper, reported = make_pepper(), list[str]()
+    pepper.on_fault()(lambda event: reported.append(event.fault.text))
     with pytest.raises(ZeroDivisionError), pepper:
         pepper.run(2.0)
     where = line_of(Breaking.read, "# lost")
-    assert told == [f"backend 'my://' (Breaking.read, {where}): ZeroDivisionError: no time left"]
+    assert reported == [
+        f"backend 'my://' (Breaking.read, {where}): ZeroDivisionError: no time left"
+    ]
 
 
 def test_an_error_of_this_package_names_no_plug_in() -> None:

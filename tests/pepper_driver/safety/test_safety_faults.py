@@ -34,7 +34,7 @@ def drive(
     lasting: int = 10**6,
     seen: Callable[[FloatArray], object] = lambda _: None,
 ) -> tuple[Loop, SafetyGate]:
-    """Drive an arm and the wheels for a number of ticks; harm from tick BEGIN on. ``seen`` is told each reference."""
+    """Drive an arm and the wheels for a number of ticks; harm from tick BEGIN on. ``seen`` gets each reference."""
     controller = WholeBodyController(ROBOT, CONTROLLER)
     gate = new_gate()
     backend.open()
@@ -168,8 +168,8 @@ def test_a_bumper_stops_the_base_until_some_time_after_it_was_let_go(
     # the arms do not care
     for ours, theirs in zip(backend.commands, free.commands, strict=True):
         np.testing.assert_allclose(ours.position, theirs.position, atol=1e-6)
-    told = [record.getMessage() for record in caplog.records if "bumper" in record.getMessage()]
-    assert told == [
+    messages = [record.getMessage() for record in caplog.records if "bumper" in record.getMessage()]
+    assert messages == [
         f"the base stands still: bumper {list(ROBOT.sensors.bumpers)[index]} is pressed"
     ]
 
@@ -228,11 +228,11 @@ def test_a_warning_comes_once_for_each_motor(caplog: pytest.LogCaptureFixture) -
 
     with caplog.at_level(logging.WARNING):
         drive(MockBackend(), harm, 400)
-    told = sorted(record.getMessage() for record in caplog.records)
-    assert len(told) == 3
-    assert told[0].startswith("the battery is at 15%")
+    messages = sorted(record.getMessage() for record in caplog.records)
+    assert len(messages) == 3
+    assert messages[0].startswith("the battery is at 15%")
     for index, text in zip(
-        (2, 9), sorted(told[1:], key=lambda t: ROBOT.joint_names[9] in t), strict=True
+        (2, 9), sorted(messages[1:], key=lambda t: ROBOT.joint_names[9] in t), strict=True
     ):
         assert ROBOT.joint_names[index] in text
         assert "74" in text
@@ -262,7 +262,7 @@ def test_a_robot_that_is_not_fit_is_not_activated(
     assert pepper.state is RobotState.INACTIVE
 
 
-def test_all_reasons_are_told_at_once() -> None:
+def test_all_reasons_are_reported_at_once() -> None:
     gate = new_gate()
     measurement = drained(0.02)(heated("HipPitch", 90.0)(standing_measurement()))
     with pytest.raises(NotReadyError) as caught:

@@ -49,7 +49,7 @@ def flail(pepper: Pepper, seed: int, on_tick: Any, goals: int = 4) -> None:
 
 
 def test_clamping_for_a_second_raises_no_contact(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The gate lets no joint pass faster than 0.7 rad/s, the controller wants up to 2."""
+    """The gate lets no joint pass faster than 0.7 rad/s, the controller requests up to 2."""
 
     def slow(robot: RobotConfig, safety: SafetySettings, limits: ControllerSettings) -> SafetyGate:
         return SafetyGate(robot, safety, slowed(limits, 0.7 / safety.speed_margin))

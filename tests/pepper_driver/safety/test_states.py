@@ -113,7 +113,7 @@ def test_a_fault_is_not_overwritten_by_a_transition_that_began_before_it() -> No
 
 
 class GateLife(RuleBasedStateMachine):
-    """Everything that can happen to a gate, in any order, beside a model of three states."""
+    """Everything that can happen to a gate, in any order, compared with a model of three states."""
 
     def __init__(self) -> None:
         super().__init__()

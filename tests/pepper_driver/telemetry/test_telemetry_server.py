@@ -114,7 +114,7 @@ def test_a_second_run_is_announced(server: TelemetryServer) -> None:
                 assert about["run"]["observer"] == "none", seed
 
 
-def test_one_who_comes_late_is_told_of_the_run(server: TelemetryServer) -> None:
+def test_a_late_listener_gets_the_description_of_the_run(server: TelemetryServer) -> None:
     with Pepper("mujoco", observer=None) as pepper:
         pepper.stream_to(server)
         pepper.run(0.2)
@@ -164,7 +164,7 @@ def test_one_that_takes_nothing_holds_up_no_one(
 
 def test_requests_are_done_and_answered() -> None:
     done: list[tuple[int, Request]] = []
-    gone: list[int] = []
+    left: list[int] = []
 
     def act(listener: int, request: Request) -> object:
         done.append((listener, request))
@@ -172,7 +172,7 @@ def test_requests_are_done_and_answered() -> None:
             raise PepperError("not today")
         return {"was": request["do"]} if request["do"] == "ask" else request["nothing"]
 
-    server = TelemetryServer(act, on_leave=gone.append)
+    server = TelemetryServer(act, on_leave=left.append)
     try:
         with listen(server) as client:
             numbers = [client.request(do, value=1) for do in ("ask", "refuse", "break")]
@@ -183,9 +183,9 @@ def test_requests_are_done_and_answered() -> None:
             assert "no request" in answers[2]["error"]
             assert "\n" not in answers[2]["error"]
             assert [request["do"] for _, request in done] == ["ask", "refuse", "break"]
-            assert not gone
-        wait_for(lambda: gone)
-        assert gone == [done[0][0]]
+            assert not left
+        wait_for(lambda: left)
+        assert left == [done[0][0]]
     finally:
         server.close()
 
@@ -204,7 +204,7 @@ def test_where_nothing_listens_the_error_is_one_line(server: TelemetryServer) ->
     assert str(server.address[1]) in str(error.value)
 
 
-def test_the_end_of_the_stream_is_told(server: TelemetryServer) -> None:
+def test_the_end_of_the_stream_is_reported(server: TelemetryServer) -> None:
     with listen(server) as client:
         client.request("anything")
         receive_until(client, Kind.ANSWER)

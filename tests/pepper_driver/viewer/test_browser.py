@@ -1,4 +1,4 @@
-"""The page in a real browser: a robot that is seen, pulled, felt and stopped; a log that is played."""
+"""The page in a real browser: a robot that is seen, pulled, touched and stopped; a log that is played."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_the_page_shows_a_robot_and_stops_it(browser: Any) -> None:
 
 @pytest.mark.realtime
 @pytest.mark.whole
-def test_a_drag_of_the_arm_is_felt_and_logged(browser: Any, tmp_path: Path) -> None:
+def test_a_drag_of_the_arm_is_detected_and_logged(browser: Any, tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
     with (
         Pepper("mujoco", real_time=True, reflexes=[Comply()], log=log) as pepper,

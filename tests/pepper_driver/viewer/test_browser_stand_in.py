@@ -84,7 +84,7 @@ def served_page(stand_in: StandIn, browser: Any) -> Iterator[View]:
 
 
 @pytest.mark.usefixtures("served_page")
-def test_a_drag_of_the_served_arm_is_felt_by_a_program_elsewhere(
+def test_a_drag_of_the_served_arm_is_detected_by_a_program_elsewhere(
     stand_in: StandIn, browser: Any
 ) -> None:
     assert "Residuals, torques and contacts are not known here" in text_of(browser)

@@ -119,15 +119,15 @@ def test_the_button_on_the_chest_stops_the_robot() -> None:
 
 @pytest.mark.parametrize("sensor", [*ROBOT.sensors.touch, *ROBOT.sensors.bumpers])
 def test_a_sensor_that_is_pressed_answers(sensor: str) -> None:
-    felt = []
+    received = []
     with Pepper("mujoco", observer=None) as pepper:
         for register in (pepper.on_touch, pepper.on_bumper):
-            register()(lambda event: felt.append((event.name, event.pressed)))
+            register()(lambda event: received.append((event.name, event.pressed)))
         Controls(pepper)(ME, {"do": "press", "sensor": sensor, "duration": 0.3})
         pepper.run(0.6)
         measured = pepper.measurement
         now = np.concatenate([measured.touch, measured.bumpers])
-    assert felt == [(sensor, True)]
+    assert received == [(sensor, True)]
     assert not now.any(), "and no longer"
 
 

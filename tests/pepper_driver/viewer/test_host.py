@@ -45,7 +45,7 @@ def run_in_thread(host: Host, runs: int) -> tuple[threading.Thread, list[Pepper]
 
 
 @pytest.mark.realtime
-def test_it_begins_anew_with_what_the_page_chose(
+def test_it_begins_again_with_what_the_page_chose(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log = tmp_path / "run.mcap"
@@ -105,7 +105,7 @@ def test_it_plays_what_the_page_asks_for() -> None:
         ("restart", {**RESTART, "reflexes": {"comply": {"gain": 7.0}}}, "gain"),
     ],
 )
-def test_a_mistake_is_told_at_once_and_nothing_begins(
+def test_a_mistake_is_reported_at_once_and_nothing_begins(
     do: str, change: dict[str, Any], word: str
 ) -> None:
     host = Host(HostedRun(uri="mujoco", observer=None))
@@ -114,7 +114,7 @@ def test_a_mistake_is_told_at_once_and_nothing_begins(
     assert host._asked.empty()
 
 
-def test_a_real_robot_is_not_begun_anew() -> None:
+def test_a_real_robot_is_not_begun_again() -> None:
     host = Host(HostedRun(uri="naoqi://pepper.local", observer=None))
     with pytest.raises(PepperError, match="real robot"):
         host.perform("restart", RESTART)

@@ -59,7 +59,7 @@ def test_contacts_are_those_known_at_a_moment(touched: Moments, moment: float) -
         if event.time <= moment:
             known[event.id] = event
     expected = [c for c in known.values() if c.phase != "end" and c.kind != "rebound"]
-    assert touched.felt(moment) == expected
+    assert touched.contacts(moment) == expected
     if len(expected) > 0:
         assert {c.limb for c in expected} <= {"left_arm", "right_arm"}
 
@@ -77,8 +77,8 @@ def test_true_forces_are_there_while_something_pushes(touched: Moments) -> None:
     assert {f.link for fs in pushed.values() for f in fs} == {"LForeArm", "RForeArm"}
 
 
-def test_both_touches_are_felt(touched: Moments) -> None:
-    limbs = [{c.limb for c in touched.felt(t)} for t in touched.log["time"]]
+def test_both_touches_are_detected(touched: Moments) -> None:
+    limbs = [{c.limb for c in touched.contacts(t)} for t in touched.log["time"]]
     assert {"left_arm"} in limbs
     assert {"right_arm"} in limbs
     assert limbs[0] == set()

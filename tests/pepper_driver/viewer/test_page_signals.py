@@ -67,9 +67,9 @@ def curves() -> Iterator[Curves]:
     server.stop()
 
 
-def shown(curves: Curves, moment: Picture, *felt: Contact) -> float:
+def shown(curves: Curves, moment: Picture, *contacts: Contact) -> float:
     """Residual [deg] in the chart, of which each joint has another."""
-    curves.update([moment], moment, felt)
+    curves.update([moment], moment, contacts)
     return float(np.asarray(curves._residual.data[1])[0])
 
 
@@ -104,7 +104,7 @@ def test_contacts_are_bars_over_the_time_of_the_log() -> None:
     assert "recomputed" not in time_line([(first, None)], 0.0, 10.0, recomputed=False)
 
 
-def test_pairs_stand_beside_each_other_the_newest_first() -> None:
+def test_pairs_stand_next_to_each_other_the_newest_first() -> None:
     pairs = [(contact(1, 2.0, 3.0), contact(1, 2.1, 3.0)), (None, contact(2, 5.0, 6.0))]
     cells = re.findall(r"<td>(.*?)</td>", pair_table(pairs, recomputed=True))
     assert cells == [

@@ -101,7 +101,7 @@ def test_a_ray_meets_the_surface_that_is_seen(scene: RobotScene) -> None:
     assert scene.hit(head, centre - 3.0 * direction + [0.0, 1.0, 0.0], direction) is None
 
 
-def test_the_arrow_of_a_touch_has_the_torque_that_was_felt(scene: RobotScene) -> None:
+def test_the_arrow_of_a_touch_has_the_detected_torque(scene: RobotScene) -> None:
     """Its force, acting at its root, gives the contact's torque on the joint."""
     robot = load_robot()
     q = robot.posture("Stand")

@@ -81,7 +81,7 @@ def test_a_page_gets_what_clients_read_and_send_and_the_truth(
     (force,) = picture.forces
     assert force.link == "torso"
     assert np.linalg.norm(force.force) == pytest.approx(8.0, abs=0.1)
-    assert np.isnan(picture.residual).all(), "nobody here knows it"
+    assert np.isnan(picture.residual).all(), "it is unknown here"
     assert "observer" not in about["run"]
     assert (about["can"]["stop"], about["can"]["control"]) == (False, False)
 

@@ -79,7 +79,7 @@ def test_the_page_ends_with_its_program(shown: tuple[Pepper, View]) -> None:
     assert not process.is_running()
 
 
-def test_a_port_that_is_taken_is_told() -> None:
+def test_a_port_that_is_taken_is_reported() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with (

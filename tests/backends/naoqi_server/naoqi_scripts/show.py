@@ -1,5 +1,5 @@
 #! /usr/bin/env python
-"""Pepper speaks, lights up, shows a picture and tells of itself."""
+"""Pepper speaks, lights up, shows a picture and prints its state."""
 
 import argparse
 import time
