@@ -1,9 +1,9 @@
 """Benefit and cost of the oscillation of an attentive robot, by wave form, slide and period.
 
-Motion: robots of the development split stand with bent arms, and nothing touches them. The ground truth gives the share
-of time in which joints slide, the longest time in which one does not, gear travel, and motion of the hand. Currents are
-measured; what the motors warm by them in the end follows from the plant. Each joint is sized by its true friction, as a
-perfect identification would give it. No observer takes part.
+Motion: robots of the development split stand with bent arms, and nothing touches them. The ground truth gives the
+fraction of time in which joints slide, the longest time in which one does not, gear travel, and motion of the hand.
+Currents are measured; what the motors warm by them in the end follows from the plant. Each joint is sized by
+its true friction, as a perfect identification would give it. No observer takes part.
 
 Joint, with --joint: each arm joint of these robots alone, in the stick-slip model of the observer, without noise. A
 touch of 5 N on the hand begins at each phase of the oscillation, against and along it, on the day of the identification
@@ -52,7 +52,7 @@ from pepper_driver.controller.dither import Dither
 from pepper_driver.evaluation.touch.n90 import ForceTouch, n90
 from pepper_driver.evaluation.touch.observers import FUSION, ModelFiles
 from pepper_driver.evaluation.touch.scoring import score_take
-from pepper_driver.evaluation.touch.split import CALIBRATION, EXPERIMENT, take_and_hear
+from pepper_driver.evaluation.touch.split import CALIBRATION, EXPERIMENT, perform_and_observe
 from pepper_driver.evaluation.touch.takes import TakeSpec, plan_takes
 from pepper_driver.identification import identify_population
 from pepper_driver.observer.models.stick_slip import StickSlipModel, StickSlipParameters
@@ -132,7 +132,7 @@ def sized(pepper: Pepper, case: Case | None, settings: ControllerSettings) -> Co
 
 
 def move(draw: int, case: Case | None, seconds: float) -> Result:
-    """One robot that stands attentive, or just stands: figures of its joints."""
+    """One robot that stands attentive, or just stands: results of its joints."""
     robot, uri = load_robot(), f"mujoco://?plant={POPULATION}&draw={draw}&seed={NOISE}"
     settings = load_controller_settings(robot)
     controller = sized(Pepper(uri, observer=None, robot=robot), case, settings)
@@ -188,11 +188,11 @@ def sliding(position: FloatArray, cycle: float) -> BoolArray:
 
 def longest_pause(slides: BoolArray, cycle: float) -> FloatArray:
     """Return the longest time in which each joint does not slide [s]."""
-    longest, run = np.zeros((2, slides.shape[1]))
+    max_pause, run = np.zeros((2, slides.shape[1]))
     for row in slides:
         run = np.where(row, 0.0, run + cycle)
-        longest = np.maximum(longest, run)
-    return longest
+        max_pause = np.maximum(max_pause, run)
+    return max_pause
 
 
 def hand_motion(robot: RobotConfig, position: FloatArray) -> float:
@@ -309,12 +309,12 @@ def identify(draws: Sequence[int], folder: Path, jobs: int, console: Console) ->
 
 
 def touch(draw: int, case: Case, models: Path, touches: int | None) -> Result:
-    """One robot, touched in this oscillation: by observer, place, force and whether it was felt; false contacts."""
+    """One robot, touched in this oscillation: by observer, place, force and True if it was detected; false contacts."""
     robot = load_robot()
     shipped = load_controller_settings(robot).attentive
     found: Result = {name: {"touches": [], "false": 0, "hours": 0.0} for name in OBSERVERS}
     for spec in touch_specs(robot, draw, touches):
-        take = take_and_hear(
+        take = perform_and_observe(
             spec, ModelFiles(fusion=models), OBSERVERS, attentive=case.settings(shipped)
         )
         if take.failure:
@@ -322,7 +322,7 @@ def touch(draw: int, case: Case, models: Path, touches: int | None) -> Result:
         for name in OBSERVERS:
             score = score_take(take, name, robot.limbs)
             found[name]["touches"] += [
-                [one.touch.place, one.touch.force, one.felt] for one in score.touches
+                [one.touch.place, one.touch.force, one.detected] for one in score.touches
             ]
             found[name]["false"] += len(score.false)
             found[name]["hours"] += score.hours
@@ -339,7 +339,7 @@ def of_group(names: Sequence[str], group: str) -> list[int]:
 
 def motion_table(results: dict[str, Result], cases: Sequence[Case | None]) -> Table:
     """Return a row for each case, board law and group of joints."""
-    columns = ["oscillation", "boards", "joints", "slides", "least", "longest pause, s"]
+    columns = ["oscillation", "boards", "joints", "slides", "minimum", "longest pause, s"]
     columns += ["swing, deg", "travel, rad/h", "current, A", "heat, K", "hottest, K", "hand, mm"]
     table = Table(*columns, title="Simulated: nothing touches the standing robot")
     for case, law, group in itertools.product(cases, ("nominal", "integral"), ("arms", "head")):
@@ -371,7 +371,7 @@ def motion_table(results: dict[str, Result], cases: Sequence[Case | None]) -> Ta
 
 
 def size_table(results: dict[str, Result]) -> Table:
-    """Return a row for each joint: what friction and gap take away from a swing, beside what is allowed for."""
+    """Return a row for each joint: what friction and gap take away from a swing, and what is allowed for."""
     table = Table(
         "robot", "joint", "allowed for, deg", "lost, deg", "half of the gap, deg",
         title="Simulated: half of what is lost of a swing, from peak to peak",
@@ -412,7 +412,7 @@ def joint_table(results: dict[str, Result], cases: Sequence[Case]) -> Table:
 def touch_table(results: dict[str, Result], cases: Sequence[Case]) -> Table:
     """Return a row for each case, observer and place."""
     table = Table(
-        "oscillation", "observer", "place", "N90, N", "felt", "false, in touched hours",
+        "oscillation", "observer", "place", "N90, N", "detected", "false, in touched hours",
         title="Simulated: touches of 1 s on attentive robots",
     )  # fmt: skip
     for case, observer in itertools.product(cases, OBSERVERS):
@@ -422,18 +422,18 @@ def touch_table(results: dict[str, Result], cases: Sequence[Case]) -> Table:
         hours = sum(run["hours"] for run in runs.values())
         for place in places:
             touches = [
-                ForceTouch(force, felt, name)
+                ForceTouch(force, detected, name)
                 for name, run in runs.items()
-                for where, force, felt in run["touches"]
+                for where, force, detected in run["touches"]
                 if where == place
             ]
-            felt = sum(one.felt for one in touches)
+            detected = sum(one.detected for one in touches)
             table.add_row(
                 case.name,
                 observer,
                 place,
                 n90(touches).text,
-                f"{felt} of {len(touches)}",
+                f"{detected} of {len(touches)}",
                 f"{false} in {hours:.2f} h",
             )
     return table
@@ -462,13 +462,13 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=1, help="processes; -1 for one per core")
     parser.add_argument("--json", type=Path, help="results, and where it goes on")
     given = parser.parse_args()
-    for name, values, most in (
+    for name, values, maximum in (
         ("slides", given.slides, MAX_DEGREES),
         ("periods", given.periods, MAX_PERIOD),
         ("seconds", [given.seconds], MAX_SECONDS),
     ):
-        if not all(0.0 < value <= most for value in values):
-            parser.error(f"--{name}: above 0, and {most:g} at most")
+        if not all(0.0 < value <= maximum for value in values):
+            parser.error(f"--{name}: above 0, and {maximum:g} at most")
     if given.touches is not None and given.touches < 1:
         parser.error("--touches must be 1 or more")
     if given.jobs < 1 and given.jobs != -1:

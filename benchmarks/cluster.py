@@ -40,7 +40,7 @@ PATIENCE = 60.0  # [s] for scheduler and workers to start
 
 
 def best(repeats: int, work: Callable[[], int]) -> tuple[float, int]:
-    """The least processor time [s] of some work, and the bytes that it returns."""
+    """Minimum processor time [s] of some work, and the bytes that it returns."""
     times, size = [], 0
     for _ in range(repeats):
         before = time.process_time()
@@ -70,9 +70,9 @@ def measure_work(repeats: int) -> dict[str, dict[str, float]]:
     }
     measured = {}
     for name, (function, seconds, whole) in work.items():
-        least, size = best(repeats, function)
+        shortest, size = best(repeats, function)
         measured[name] = {
-            "robot_hours_per_core_hour": seconds / least,
+            "robot_hours_per_core_hour": seconds / shortest,
             "job_seconds": whole,
             "job_bytes": size * whole / seconds,
         }

@@ -122,7 +122,7 @@ def code_lines(name: str | Path, commit: str | None = None) -> int:
 
 
 class Parser(argparse.ArgumentParser):
-    """Tells what is wrong in one line."""
+    """Parser that reports an error in one line."""
 
     def error(self, message: str) -> NoReturn:
         print(f"code_lines.py: {message}", file=sys.stderr)
@@ -135,7 +135,9 @@ def main() -> int:
     parser.add_argument("files", nargs="*", metavar="FILE")
     parser.add_argument("--commit", metavar="REV", help="count the files as of this commit")
     parser.add_argument(
-        "--facade", action="store_true", help="count facade and loop, beside what they once were"
+        "--facade",
+        action="store_true",
+        help="count facade and loop, compared with what they once were",
     )
     given = parser.parse_args()
     if given.facade == bool(given.files):

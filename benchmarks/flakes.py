@@ -1,4 +1,4 @@
-"""Flaky tests: the tests run again and again, alone and next to busy processes; every failure is told.
+"""Flaky tests: the tests run again and again, alone and next to busy processes; every failure is reported.
 
 Results are kept in a file, run by run: an interrupted hunt continues where it was, for the commit that is checked out.
 Run: python benchmarks/flakes.py, or make flakes

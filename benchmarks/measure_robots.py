@@ -1,11 +1,11 @@
-"""Facts that identification measures of a robot first, beside those of the plant: delay, speed, torque, friction, loss.
+"""Facts that identification measures of a robot first, compared with the plant: delay, speed, torque, friction, loss.
 
 Simulated robots make the runs with which `pepper identify --weight 0.5` begins; no models are fitted. Samples are
 paired with commands as over NAOqi before anything is measured: ASSUMED_DELAY ticks apart. Each fact is compared with
 the value of the plant, which only this program reads:
 
 - delay: whole ticks from a command to the sample that answers it;
-- speed: at which the plant's limiter holds the targets of a joint that was told more;
+- speed: at which the plant's limiter holds the targets of a joint that was commanded more;
 - torque scale: torque of the motor by its documented constant per torque at the joint. The plant has it from the
   efficiency of the gear and the temperature of the magnet. Of the joints that carry the weight;
 - friction: of motor and link with the teeth in contact, at the speed of the sweeps and the temperature of the grease,
@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from seeded_runs import FILE_WIDTH, Parser, Result, perform, share
+from seeded_runs import FILE_WIDTH, Parser, Result, fraction_text, perform
 
 from pepper_driver import PepperError
 from pepper_driver.backends.fields import RECORDED_FIELDS
@@ -65,7 +65,7 @@ FAST = tuple(
     for side in "LR"
     for joint in ("ShoulderPitch", "ElbowYaw", "ElbowRoll", "WristYaw")
 )
-"""Joints that are told more and more speed."""
+"""Joints that are commanded more and more speed."""
 
 
 SWEEP_SPEED = 0.15
@@ -99,7 +99,7 @@ BOUNDS = {
 
 
 def measure(uri: str, plant: PlantConfig) -> Result:
-    """Have a robot make its runs; return its facts beside those of the plant."""
+    """Have a robot make its runs; return its facts and those of the plant."""
     robot, weight = load_robot(), held_weight(MASS, HAND)
     recordings = {}
     for run in runs.plan_measurements(robot, weight=weight):
@@ -211,7 +211,7 @@ def fact_table(results: dict[str, Result]) -> Table:
             cells = [
                 bound.text(median),
                 bound.text(worst.size),
-                share(within, len(errors)),
+                fraction_text(within, len(errors)),
                 worst.place,
             ]
         counts = (len({robot for robot, _ in true}), len(true), len(true) - len(errors), vain)

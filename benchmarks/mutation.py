@@ -406,14 +406,14 @@ def _judge_all(
     console: Console,
 ) -> list[Verdict]:
     """Verdicts of all mutants of a subject; new ones are added to ``verdicts`` and kept."""
-    wanted = mutants(subject)
+    selected = mutants(subject)
     sources, tests = {file: digest(file) for file, _ in subject.code}, digest(*subject.tests)
     done = {
         each.mutant: each
         for each in verdicts
         if each.source in sources.values() and (each.outcome != "passed" or each.tests == tests)
     }
-    missing = [mutant for mutant in wanted if mutant.key not in done]
+    missing = [mutant for mutant in selected if mutant.key not in done]
     if missing:
         begin = time.monotonic()
         if run_tests(make_copy(copies / f"before-{tests}"), subject, 1800.0) != "passed":
@@ -428,7 +428,7 @@ def _judge_all(
             done[mutant.key] = verdict
             verdicts.append(verdict)
             write_text(given.out, json.dumps([asdict(each) for each in verdicts], indent=1))
-    return [done[mutant.key] for mutant in wanted]
+    return [done[mutant.key] for mutant in selected]
 
 
 def _load(path: Path) -> list[Verdict]:

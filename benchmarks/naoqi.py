@@ -4,7 +4,7 @@ bare: the backend alone, stepped by the loop's pacer. whole: a moving Pepper wit
 missed ticks, when ticks end after they were due, how old samples are, dropped commands, and processor time of client,
 stand-in NAOqi and simulated robot. Of the whole one also: how far the DCM was from the command that each sample is said
 to answer, by the stand-in's black box; and tracking errors and residuals against those of the same motion with the
-simulation driven directly, beside what another seed of the sensors' noise makes of them. The gate lets old samples pass
+simulation driven directly, next to those with another seed of the sensors' noise. The gate lets old samples pass
 here, and it is counted how often it would have held or stopped the robot. With --busy, only: ticks of the loop thread
 while the program computes in Python all the time, in its main thread or in a worker process.
 
@@ -64,21 +64,21 @@ from pepper_driver.realtime import (
 
 ROBOT = "mujoco://?seed={seed}"
 SWING, WAY, REST = 0.3, 1.5, 0.3  # [rad] around the starting posture, [s] there, [s] of rest
-WARM_UP = 1.0  # [s] before figures are taken
-LONGEST = 100.0  # [s] of a run
+WARM_UP = 1.0  # [s] before the measurement begins
+MAX_RUN_TIME = 100.0  # [s] of a run
 PROCESSES = ("client", "NAOqi", "robot")
 SAME_POSTURE = 1e-9  # [rad] commands reach the black box as the numbers they are
 MIN_MOTION = 1e-7  # [rad] between the commands of two ticks that count for the reaction
 
 
 class Processors:
-    """Share of a processor that processes take."""
+    """Fraction of a processor that processes take."""
 
     def __init__(self, stand_in: StandIn) -> None:
         self._of = (os.getpid(), stand_in.naoqi_process.pid, stand_in.robot_process.pid)
         self._began, self._spent = time.monotonic(), self._now()
 
-    def shares(self) -> dict[str, float]:
+    def fractions(self) -> dict[str, float]:
         """Since this was made, by process."""
         wall = time.monotonic() - self._began
         return {
@@ -103,7 +103,7 @@ def swing(time: float, start: FloatArray) -> FloatArray:
 
 
 def bare(uri: str, stand_in: StandIn, robot: RobotConfig, seconds: float) -> dict[str, Any]:
-    """Figures of the backend alone."""
+    """Results of the backend alone."""
     backend = make_backend(uri, robot)
     ends, steps, ages, missed = [], [], [], 0
     with backend:
@@ -129,7 +129,7 @@ def bare(uri: str, stand_in: StandIn, robot: RobotConfig, seconds: float) -> dic
                 ends.append((now - pacer.due) * 1e-6)
                 steps.append((now - began) * 1e-6)
                 ages.append(measurement.age * 1e3)
-        shares = processors.shares()
+        fractions = processors.fractions()
     return {
         "ticks": len(ends) - warm,
         "missed": missed,
@@ -137,7 +137,7 @@ def bare(uri: str, stand_in: StandIn, robot: RobotConfig, seconds: float) -> dic
         "step_ms": asdict(Quantiles.from_values(np.array(steps[warm:]))),
         "sample_age_ms": asdict(Quantiles.from_values(np.array(ages[warm:]))),
         "dropped_commands": measurement.dropped_commands - dropped_commands,
-        "processors": shares,
+        "processors": fractions,
     }
 
 
@@ -215,7 +215,7 @@ def move(pepper: Pepper, recorder: Recorder, seconds: float) -> None:
 def whole(
     uri: str, stand_in: StandIn, robot: RobotConfig, seconds: float
 ) -> tuple[dict[str, Any], Recorder]:
-    """Figures of a moving Pepper, and its ticks."""
+    """Results of a moving Pepper, and its ticks."""
     safety = load_safety_settings()
     patient = replace(safety, stale_hold=9.0, stale_fault=10.0)
     with (
@@ -227,7 +227,7 @@ def whole(
         leads.clear()
         recorder, processors = Recorder(pepper), Processors(stand_in)
         move(pepper, recorder, seconds)
-        shares, statistics = processors.shares(), pepper.statistics
+        fractions, statistics = processors.fractions(), pepper.statistics
         contacts = len(pepper.contact_history)
         delay = pepper.backend.info.response_delay
     commands = commands_by_cycle(stand_in.black_box())
@@ -244,7 +244,7 @@ def whole(
         "all_but_backend_ms": {k: 1e-3 * v for k, v in asdict(statistics.tick).items()},
         "sample_age_ms": asdict(statistics.sample_age),
         "dropped_commands": last.dropped_commands - first.dropped_commands,
-        "processors": shares,
+        "processors": fractions,
         "would_hold": gaps(recorder, safety.stale_hold),
         "would_stop": gaps(recorder, safety.stale_fault),
         "contacts": contacts,
@@ -321,7 +321,7 @@ def reaction(
     not_followed = 0
     for number in np.flatnonzero(moved[:-1] & moved[1:]) + 1:
         before, now = (recorder.ticks[n].measurement for n in (number - 1, number))
-        # Above NORMAL_AGE the age does not tell the cycle of the sample.
+        # Above NORMAL_AGE the age does not determine the cycle of the sample.
         if now.age > NORMAL_AGE or np.array_equal(now.current, before.current):
             continue
         sample = begin + now.tick - round(now.age / cycle)
@@ -350,7 +350,7 @@ def median_and_p99(values: Sequence[float]) -> dict[str, float] | None:
 def busy(
     uri: str, robot: RobotConfig, seconds: float, compute: Callable[[float], object]
 ) -> dict[str, Any]:
-    """Figures of a Pepper whose program computes in Python all the time, beside the loop thread."""
+    """Results of a Pepper whose program computes in Python all the time, in parallel with the loop thread."""
     patient = replace(load_safety_settings(), stale_hold=9.0, stale_fault=10.0)
     with Pepper(uri, robot=robot, safety=patient) as pepper:
         pepper.run(WARM_UP)
@@ -384,7 +384,7 @@ def compared(one: Recorder, other: Recorder) -> dict[str, Any]:
     shift = min(range(20), key=lambda n: float(np.abs(one.sent[n : n + 100] - start).max()))
     count = min(len(one.ticks) - shift, len(other.ticks))
     part, rest = slice(shift, shift + count), slice(count)
-    figures: dict[str, Any] = {
+    results: dict[str, Any] = {
         "ticks_apart": shift,
         "sent_deg": float(np.degrees(np.abs(one.sent[part] - other.sent[rest]).max())),
     }
@@ -396,28 +396,28 @@ def compared(one: Recorder, other: Recorder) -> dict[str, Any]:
         difference = np.degrees(np.sqrt(np.nanmean((ours - theirs) ** 2, axis=0)))
         own = np.degrees(np.sqrt(np.nanmean(theirs**2, axis=0)))
         worst = int(np.nanargmax(difference))
-        figures[name] = {
+        results[name] = {
             "median_deg": float(np.nanmedian(difference)),
             "worst_deg": float(difference[worst]),
             "worst_joint": worst,
             "own_deg": float(own[worst]),
         }
-    return figures
+    return results
 
 
-def spread(figures: dict[str, float], digits: int = 2) -> str:
-    return " / ".join(f"{figures[key]:.{digits}f}" for key in ("median", "p99", "max"))
+def spread(results: dict[str, float], digits: int = 2) -> str:
+    return " / ".join(f"{results[key]:.{digits}f}" for key in ("median", "p99", "max"))
 
 
-def pair(figures: dict[str, float] | None, digits: int = 2) -> str:
-    if figures is None or figures["median"] is None:
+def pair(results: dict[str, float] | None, digits: int = 2) -> str:
+    if results is None or results["median"] is None:
         return ""
-    return " / ".join(f"{figures[key]:.{digits}f}" for key in ("median", "p99"))
+    return " / ".join(f"{results[key]:.{digits}f}" for key in ("median", "p99"))
 
 
-def busy_table(figures: dict[str, Any]) -> Table:
-    """Table of the runs beside a program that computes."""
-    table = Table("over NAOqi, while the program computes in", *figures)
+def busy_table(results: dict[str, Any]) -> Table:
+    """Table of the runs in parallel with a program that computes."""
+    table = Table("over NAOqi, while the program computes in", *results)
     rows: dict[str, Callable[[dict[str, Any]], str]] = {
         "ticks / missed": lambda f: f"{f['ticks']} / {f['missed']}",
         "tick begins late by, median / p99 / largest [ms]": lambda f: spread(f["tick_begin_ms"]),
@@ -426,13 +426,13 @@ def busy_table(figures: dict[str, Any]) -> Table:
         "priority of the loop thread": lambda f: f["priority"],
     }
     for label, cell in rows.items():
-        table.add_row(label, *map(cell, figures.values()))
+        table.add_row(label, *map(cell, results.values()))
     return table
 
 
-def shown(figures: dict[str, Any], robot: RobotConfig) -> list[Table]:
-    """Tables of all figures."""
-    runs = {name: figures[name] for name in ("bare", "whole") if name in figures}
+def shown(results: dict[str, Any], robot: RobotConfig) -> list[Table]:
+    """Tables of all results."""
+    runs = {name: results[name] for name in ("bare", "whole") if name in results}
     table = Table("over NAOqi, against the stand-in", *runs)
     rows: dict[str, Callable[[dict[str, Any]], str]] = {
         "ticks": lambda f: str(f["ticks"]),
@@ -462,14 +462,14 @@ def shown(figures: dict[str, Any], robot: RobotConfig) -> list[Table]:
     for label, cell in rows.items():
         table.add_row(label, *(cell(run) for run in runs.values()))
     tables = [table]
-    if "against_direct" in figures:
+    if "against_direct" in results:
         columns = ("difference of", "median joint [deg]", "worst joint [deg]", "of [deg]", "joint")
         table = Table(
             *columns, title="The same motion: over NAOqi and driven directly, and with other noise"
         )
         for label, key in (("over NAOqi", "against_direct"), ("other noise", "other_noise")):
             for name in ("error", "residual"):
-                part = figures[key][name]
+                part = results[key][name]
                 cells = (f"{part[k]:.3f}" for k in ("median_deg", "worst_deg", "own_deg"))
                 table.add_row(f"{name}s, {label}", *cells, robot.joint_names[part["worst_joint"]])
         tables.append(table)
@@ -491,13 +491,13 @@ def arguments() -> argparse.Namespace:
         "--network", default="none", help="of the stand-in: clear, wired, wifi or a file"
     )
     parser.add_argument("--seed", type=int, default=3, help="of the sensors' noise (default: 3)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the results to FILE")
     parser.add_argument(
         "--busy", action="store_true", help="only: ticks while the program computes"
     )
     given = parser.parse_args()
-    if not 1.0 <= given.seconds <= LONGEST:
-        parser.error(f"--seconds must be 1 to {LONGEST:g}: the black box holds two minutes")
+    if not 1.0 <= given.seconds <= MAX_RUN_TIME:
+        parser.error(f"--seconds must be 1 to {MAX_RUN_TIME:g}: the black box holds two minutes")
     try:
         if given.network != "none":
             load_network(given.network)
@@ -513,7 +513,7 @@ def main() -> int:
     given = arguments()
     robot = load_robot()
     network = None if given.network == "none" else given.network
-    figures: dict[str, Any] = {"simulated": True, "network": given.network}
+    results: dict[str, Any] = {"simulated": True, "network": given.network}
     try:
         with StandIn(ROBOT.format(seed=given.seed), network=network, consent=True) as stand_in:
             uri = f"naoqi://127.0.0.1:{stand_in.port}"
@@ -530,29 +530,29 @@ def main() -> int:
                     runs = {
                         name: busy(uri, robot, given.seconds, way) for name, way in ways.items()
                     }
-                figures["busy"] = runs
-                show(figures, [busy_table(runs)], given.json)
+                results["busy"] = runs
+                show(results, [busy_table(runs)], given.json)
                 return 0
             # First, while its motors are as cold as those of the robot it is compared with.
-            figures["whole"], over_naoqi = whole(uri, stand_in, robot, given.seconds)
-            figures["bare"] = bare(uri, stand_in, robot, given.seconds)
+            results["whole"], over_naoqi = whole(uri, stand_in, robot, given.seconds)
+            results["bare"] = bare(uri, stand_in, robot, given.seconds)
     except PepperError as error:
         print(f"naoqi.py: {error}", file=sys.stderr)
         return 2
     once = direct(given.seed, robot, given.seconds)
-    figures["against_direct"] = compared(over_naoqi, once)
-    figures["other_noise"] = compared(direct(given.seed + 1, robot, given.seconds), once)
-    show(figures, shown(figures, robot), given.json)
+    results["against_direct"] = compared(over_naoqi, once)
+    results["other_noise"] = compared(direct(given.seed + 1, robot, given.seconds), once)
+    show(results, shown(results, robot), given.json)
     return 0
 
 
-def show(figures: dict[str, Any], tables: list[Table], file: Path | None) -> None:
-    """Print tables, and write the figures to a file where one is asked for."""
+def show(results: dict[str, Any], tables: list[Table], file: Path | None) -> None:
+    """Print tables, and write the results to a file where one is asked for."""
     console = Console(soft_wrap=True, highlight=False, markup=False)  # units stand in brackets
     for table in tables:
         console.print(table)
     if file is not None:
-        write_json(file, figures)
+        write_json(file, results)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 A program in a process of its own moves both arms and drives. Then it is killed, the link is cut or blocked, NAOqi hangs
 or is killed; the robot falls asleep, an arm is made soft, a joint is unplugged; another program commands the head or
-the base; or Ctrl-C ends it, also while NAOqi hangs, is dead or out of reach. Figures are of the simulated robot.
+the base; or Ctrl-C ends it, also while NAOqi hangs, is dead or out of reach. Results are of the simulated robot.
 Run: python benchmarks/naoqi_faults.py --repeat 5 --speed 0.15 --json naoqi_faults.json
 """
 
@@ -40,13 +40,13 @@ LOSSES: Mapping[str, str | None] = {
 }
 """What fails, and the fault of the stand-in that does it."""
 
-GONE: Mapping[str, tuple[str | None, str]] = {
+LOST_MOTORS: Mapping[str, tuple[str | None, str]] = {
     "robot falls asleep": ("asleep", "RShoulderPitch"),
     "arm made soft by another program": (None, "RShoulderPitch"),
     "moving joint unplugged": ("disconnected:RShoulderPitch", "RShoulderPitch"),
     "joint without values": ("none:RShoulderPitch", ""),
 }
-"""Motors that are gone: the fault of the stand-in, and the joint by which the black box dates it."""
+"""Motors that stop: the fault of the stand-in, and the joint by which the black box dates it."""
 
 FOREIGN = (
     "head by the DCM, 50 times a second",
@@ -64,7 +64,7 @@ INTERRUPTED: Mapping[str, str | None] = {
 """What is wrong when Ctrl-C comes."""
 
 MOVING = "moving"
-ENOUGH = 0.8  # share of the speed that the wheels must have when it happens
+ENOUGH = 0.8  # fraction of the speed that the wheels must have when it happens
 START_TRIES = 10
 PATIENCE = 30.0  # [s]
 STANDS = load_doctor_settings().wheel_rest  # [rad/s]
@@ -123,9 +123,9 @@ class QuadraticProgram:
 
     def _drives(self, stand_in: StandIn, speed: float) -> bool:
         """Return true while the wheels turn and the program has not ended."""
-        wanted = ENOUGH * np.abs(load_robot().wheels.matrix @ [speed, 0.0, 0.0]).max()
+        min_speed = ENOUGH * np.abs(load_robot().wheels.matrix @ [speed, 0.0, 0.0]).max()
         turning = np.abs(stand_in.black_box(3).wheel_speed).max(axis=1)
-        return bool((turning > wanted).all()) and self.process.poll() is None
+        return bool((turning > min_speed).all()) and self.process.poll() is None
 
     def end(self) -> dict[str, Any]:
         """Wait for its end, and return what it said."""
@@ -143,7 +143,7 @@ class Stop:
     """Times until the robot came to rest, from the last command for wheels that it took [ms].
 
     Attributes:
-        told: Until the DCM told the wheels to stand.
+        commanded: Until the DCM commanded the wheels to stand.
         stood: Until the last wheel of the plant stood.
         fastest: Speed of the fastest wheel at that order [rad/s].
         sway: The same after they stood, when the robot rocks back.
@@ -151,7 +151,7 @@ class Stop:
         drift: Largest change of a joint from a tenth of a second later on [mrad].
     """
 
-    told: float
+    commanded: float
     stood: float
     fastest: float
     sway: float
@@ -168,7 +168,7 @@ class Stop:
         stood = _first_below(time_after, speed, STANDS)
         held = box.begin > since + 0.1
         return cls(
-            told=_first_below(time_after, commanded, 0.0),
+            commanded=_first_below(time_after, commanded, 0.0),
             stood=stood,
             fastest=float(speed[time_after >= 0.0][0]),
             sway=float(speed[time_after > stood].max()),
@@ -181,8 +181,8 @@ def _first_below(times: FloatArray, values: FloatArray, level: float) -> float:
     """Return the time at which values first fall to a level after time 0; linear between two cycles."""
     first = int(np.flatnonzero((times > 0.0) & (values <= level))[0])
     before, after = values[first - 1], values[first]
-    share = (before - level) / (before - after) if before > after else 0.0
-    return float(times[first - 1] + share * (times[first] - times[first - 1]))
+    fraction = (before - level) / (before - after) if before > after else 0.0
+    return float(times[first - 1] + fraction * (times[first] - times[first - 1]))
 
 
 def between(stand_in: StandIn, begin: float, end: float) -> BlackBox:
@@ -206,23 +206,23 @@ def lose(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
         stand_in.set_fault(fault)
     time.sleep(1.0)
     box = between(stand_in, begin - 0.3, time.monotonic())
-    figures: dict[str, float | str] = vars(Stop.of(box, begin)).copy()
+    found: dict[str, float | str] = vars(Stop.of(box, begin)).copy()
     ended = program.end()
     if "at" in ended:
         last_sample = box.end[box.end <= begin][-1]
-        figures["error"] = str(ended["error"])
-        figures["noticed"] = 1e3 * (ended["at"] - last_sample)
+        found["error"] = str(ended["error"])
+        found["noticed"] = 1e3 * (ended["at"] - last_sample)
     continues = time.monotonic()
     stand_in.clear_faults()
     if fault in ("hang", "blocked"):
         time.sleep(0.5)
         late = between(stand_in, continues, time.monotonic())
-        figures["late orders"] = float(late.orders[-1] - box.orders[-1])
-        figures["late joints"] = 1e3 * float(
+        found["late orders"] = float(late.orders[-1] - box.orders[-1])
+        found["late joints"] = 1e3 * float(
             np.abs(late.position_command - box.position_command[-1]).max()
         )
-        figures["late wheels"] = float(np.abs(late.wheel_speed).max())
-    return figures
+        found["late wheels"] = float(np.abs(late.wheel_speed).max())
+    return found
 
 
 @contextmanager
@@ -237,9 +237,9 @@ def service_of(stand_in: StandIn, name: str) -> Iterator[Proxy]:
 
 
 def go(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
-    """Let motors be gone while the robot moves, until the program ends."""
+    """Stop motors while the robot moves, until the program ends."""
     program = QuadraticProgram(stand_in, speed)
-    fault, joint = GONE[name]
+    fault, joint = LOST_MOTORS[name]
     begin = time.monotonic()
     if fault is None:
         with service_of(stand_in, "ALMotion") as motion:
@@ -249,18 +249,18 @@ def go(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
     ended = program.end()
     box = between(stand_in, begin - 0.1, time.monotonic())
     since = box.end[box.end <= begin][-1]
-    figures: dict[str, float | str] = {}
+    found: dict[str, float | str] = {}
     if joint:
         place = load_robot().joint_index(joint)
-        gone = int(np.argmax(box.stiffness[:, place] < 0.5))
+        row = int(np.argmax(box.stiffness[:, place] < 0.5))
         held = box.end <= ended["at"]
-        way = box.position_command[held, place] - box.position_command[gone, place]
-        since, figures["command's way"] = box.end[gone], 1e3 * float(np.abs(way[gone:]).max())
-    figures |= {"noticed": 1e3 * (ended["at"] - since), "error": str(ended["error"])}
+        way = box.position_command[held, place] - box.position_command[row, place]
+        since, found["command's way"] = box.end[row], 1e3 * float(np.abs(way[row:]).max())
+    found |= {"noticed": 1e3 * (ended["at"] - since), "error": str(ended["error"])}
     stand_in.clear_faults()
     with service_of(stand_in, "ALMotion") as motion:
         motion.setStiffnesses("Body", 1.0)
-    return figures
+    return found
 
 
 def interfere(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
@@ -294,14 +294,14 @@ def interrupt(stand_in: StandIn, name: str, speed: float) -> dict[str, float | s
     begin = time.monotonic()
     program.process.send_signal(signal.SIGINT)
     program.process.wait(PATIENCE)
-    figures: dict[str, float | str] = {"exit": 1e3 * (time.monotonic() - begin)}
+    found: dict[str, float | str] = {"exit": 1e3 * (time.monotonic() - begin)}
     program.end()
     stand_in.clear_faults()
-    return figures
+    return found
 
 
-def largest(runs: Sequence[Mapping[str, float | str]]) -> dict[str, Any]:
-    """The largest of each figure, and all errors."""
+def worst_of(runs: Sequence[Mapping[str, float | str]]) -> dict[str, Any]:
+    """Maximum of each result, and all errors."""
     names = {name: None for run in runs for name in run if name != "error"}
     worst: dict[str, Any] = {
         name: max(float(run[name]) for run in runs if name in run) for name in names
@@ -313,14 +313,14 @@ def largest(runs: Sequence[Mapping[str, float | str]]) -> dict[str, Any]:
 def show(
     console: Console, results: Mapping[str, Mapping[str, Any]], columns: Sequence[str]
 ) -> None:
-    """A table of the largest figures."""
+    """A table of the maximum results."""
     table = Table("", *columns)
-    for name, figures in results.items():
-        cells = [f"{figures[column]:.4g}" if column in figures else "" for column in columns]
+    for name, found in results.items():
+        cells = [f"{found[column]:.4g}" if column in found else "" for column in columns]
         table.add_row(name, *cells)
     console.print(table)
-    for name, figures in results.items():
-        for error in figures["errors"]:
+    for name, found in results.items():
+        for error in found["errors"]:
             console.print(f"{name}: {error}")
 
 
@@ -339,19 +339,19 @@ def main() -> None:
         with service_of(stand_in, "ALMotion") as motion:
             motion.wakeUp()
         lost = {
-            name: largest([lose(stand_in, name, given.speed) for _ in range(given.repeat)])
+            name: worst_of([lose(stand_in, name, given.speed) for _ in range(given.repeat)])
             for name in LOSSES
         }
-        gone = {
-            name: largest([go(stand_in, name, given.speed) for _ in range(given.repeat)])
-            for name in GONE
+        lost_motors = {
+            name: worst_of([go(stand_in, name, given.speed) for _ in range(given.repeat)])
+            for name in LOST_MOTORS
         }
         foreign = {
-            name: largest([interfere(stand_in, name, given.speed) for _ in range(given.repeat)])
+            name: worst_of([interfere(stand_in, name, given.speed) for _ in range(given.repeat)])
             for name in FOREIGN
         }
         stopped = {
-            name: largest([interrupt(stand_in, name, given.speed) for _ in range(given.repeat)])
+            name: worst_of([interrupt(stand_in, name, given.speed) for _ in range(given.repeat)])
             for name in INTERRUPTED
         }
     console.print(
@@ -362,7 +362,7 @@ def main() -> None:
         lost,
         [
             "fastest",
-            "told",
+            "commanded",
             "stood",
             "sway",
             "step",
@@ -373,8 +373,8 @@ def main() -> None:
             "late wheels",
         ],
     )
-    console.print("motors that are gone: since the first cycle without them")
-    show(console, gone, ["command's way", "noticed"])
+    console.print("motors that stop: since the first cycle without them")
+    show(console, lost_motors, ["command's way", "noticed"])
     console.print("another program commands: since its first order")
     show(console, foreign, ["noticed"])
     console.print("Ctrl-C: until the process has ended")
@@ -382,7 +382,8 @@ def main() -> None:
     if given.json is not None:
         given.json.write_text(
             json.dumps(
-                {"lost": lost, "gone": gone, "foreign": foreign, "interrupted": stopped}, indent=1
+                {"lost": lost, "gone": lost_motors, "foreign": foreign, "interrupted": stopped},
+                indent=1,
             )
         )
 

@@ -204,8 +204,8 @@ def play(program: Path, world: str, *, safety: SafetySettings | None = None) -> 
         try:
             if program.suffix == ".yaml":
                 report = ExperimentRun(program).perform()
-                heard = [(wait.step, wait.detected) for wait in report.waits]
-                played.outcomes.append(f"completed: {report.completed}; contacts came: {heard}")
+                detected = [(wait.step, wait.detected) for wait in report.waits]
+                played.outcomes.append(f"completed: {report.completed}; contacts came: {detected}")
             else:
                 runpy.run_path(str(program), run_name="__main__")
         except (Exception, SystemExit) as error:
@@ -410,7 +410,7 @@ class Recording:
         return self._recorders[-1]
 
     def _wrapper(self, recorder: CallRecorder) -> Callable[[Any], object]:
-        """Return what is registered for a function: the same each time, as its registrations share a thread."""
+        """Return the wrapper of a function for registration: always the same, as its registrations share a thread."""
 
         def wrapper(event: Event) -> None:
             recorder.calls.append((self._run, event_key(event)))
@@ -432,7 +432,7 @@ class Recording:
             yield contact
 
     def counting(self, on_tick: OnTick | None, ticks: int | None) -> OnTick | None:
-        """Wrap a function that is to be called inside so many ticks, once in each; None where nobody knows how many."""
+        """Wrap a function that is to be called inside so many ticks, once in each; None where the number is unknown."""
         if on_tick is None:
             return None
         recorder = self._recorder(f"{on_tick.__qualname__}, in ticks", on_tick)

@@ -38,7 +38,7 @@ STIFFNESS = 10.0  # [1/s2]
 def random_targets(
     model: RobotModel, start: FloatArray, link: str, rng: np.random.Generator
 ) -> FloatArray:
-    """A place in front of the robot or beside it that the palm can be at, 0.2 to 0.5 m from where it is."""
+    """A place in front of the robot or next to it that the palm can be at, 0.2 to 0.5 m from where it is."""
     robot = model.robot
     here = model.link_pose(link, start) @ np.append(PALM, 1.0)
     joints = [robot.joint_index(HANDS[link] + joint) for joint in ARM]

@@ -72,7 +72,7 @@ def ready(
     against: bool = False,
     attentive: bool = False,
 ) -> Iterator[Pepper]:
-    """A robot in POSTURE, whose observer knows it."""
+    """A robot in POSTURE, whose observer has its models."""
     uri = f"mujoco://?plant={plant}&seed={seed}"
     with Pepper(uri, observer=observer(plant), reflexes=reflexes) as pepper:
         pepper.set_posture(POSTURE, duration=2.0)
@@ -134,7 +134,7 @@ def comply(
                 np.append(tick.measurement.time - start, truth.position)
             ),
         )
-        felt = any(contact.time > start for contact in pepper.contact_history)
+        detected = any(contact.time > start for contact in pepper.contact_history)
     table = np.array(rows)
     time, joints = table[:, 0], table[:, 1:]
     model = RobotModel(load_robot())
@@ -143,7 +143,7 @@ def comply(
     pushed = time <= PUSH_TIME
     led = np.abs(joints[pushed] - joints[0]).max(axis=0) > GAVE_WAY
     return {
-        "detected": felt,
+        "detected": detected,
         "way_1s": float(distance[np.searchsorted(time, 1.0)]),
         "way": float(distance[pushed].max()),
         "reversals": reversals(time, joints, PUSH_TIME, led),
@@ -151,7 +151,7 @@ def comply(
 
 
 def retract(plant: str, seed: int) -> dict[str, Any]:
-    """One pull: force when it is felt, and AWAY later [N]."""
+    """One pull: force when it is detected, and AWAY later [N]."""
     rows: list[tuple[float, float]] = []
     with ready(plant, [Retract()], seed) as pepper:
         start, truth = pepper.time, pepper.backend.truth
@@ -172,7 +172,7 @@ def retract(plant: str, seed: int) -> dict[str, Any]:
 
 
 def measure(plant: str, seeds: Sequence[int]) -> dict[str, Any]:
-    """All figures of one plant."""
+    """All results of one plant."""
     seed, *others = seeds
     once = {
         "without": comply(plant, None, "resume", seed),
@@ -197,9 +197,9 @@ def measure(plant: str, seeds: Sequence[int]) -> dict[str, Any]:
     }
 
 
-def millimetres(figure: dict[str, Any]) -> str:
+def millimetres(values: dict[str, Any]) -> str:
     """Way of one push after a second, for the table."""
-    return f"{figure['way_1s'] * 1e3:.0f}{'' if figure['detected'] else ' (not detected)'}"
+    return f"{values['way_1s'] * 1e3:.0f}{'' if values['detected'] else ' (not detected)'}"
 
 
 def main() -> None:
@@ -211,7 +211,7 @@ def main() -> None:
     options = parser.parse_args()
     console = Console()
     results = run_jobs(partial(measure, plant, options.seeds) for plant in options.plants)
-    figures = dict(
+    plants = dict(
         zip(
             options.plants,
             track(results, total=len(options.plants), console=Console(stderr=True)),
@@ -231,25 +231,25 @@ def main() -> None:
         "retract, N at detection / 0.5 s later",
     ):
         table.add_column(column)
-    for plant, figure in figures.items():
-        passive = figure["without"]["way"]
+    for plant, values in plants.items():
+        passive = values["without"]["way"]
         table.add_row(
             plant,
             f"{passive * 1e3:.1f}",
-            f"{figure['stiff']['way'] / passive:.2f}",
-            f"{figure['half']['way'] * 1e3:.1f}",
-            millimetres(figure["returns"]),
-            millimetres(figure["against"]),
-            " / ".join(map(millimetres, figure["attentive"])),
+            f"{values['stiff']['way'] / passive:.2f}",
+            f"{values['half']['way'] * 1e3:.1f}",
+            millimetres(values["returns"]),
+            millimetres(values["against"]),
+            " / ".join(map(millimetres, values["attentive"])),
             " / ".join(
                 str(sum(count > ALLOWED[case] for count in counts))
-                for case, counts in figure["reversals"].items()
+                for case, counts in values["reversals"].items()
             ),
-            f"{figure['retract']['at_detection']:.1f} / {figure['retract']['later']:.1f}",
+            f"{values['retract']['at_detection']:.1f} / {values['retract']['later']:.1f}",
         )
     console.print(table)
     if options.json:
-        options.json.write_text(json.dumps({"simulated": True, "plants": figures}, indent=1))
+        options.json.write_text(json.dumps({"simulated": True, "plants": plants}, indent=1))
 
 
 if __name__ == "__main__":

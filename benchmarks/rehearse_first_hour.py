@@ -6,7 +6,7 @@ operator who leaves, the button on the chest, the space bar, the cable, a robot 
 empty battery, a killed program, Ctrl-C. After each it calls the same command again, and sees that nothing was lost.
 Then it sees that another plan is refused.
 Steps are short; --full takes the shipped plan, and an hour. The machine must have two free processors: ticks and cycles
-of the robot are by the wall clock. Figures are of the simulated robot.
+of the robot are by the wall clock. Results are of the simulated robot.
 Run: python benchmarks/rehearse_first_hour.py --plant recorded --network wifi --json rehearsal.json
 """
 
@@ -177,7 +177,7 @@ class Trouble:
         cause: Makes it; None for an operator who does not answer.
         delay: Between that line and it [s].
         code: Exit code of the command.
-        told: Pattern of the line in which it says why it ended.
+        words: Pattern of the line in which it says why it ended.
         refused: What the next call must say, before the cause is removed; empty for none.
         beforehand: Fault of the stand-in before the call; empty for none.
     """
@@ -187,7 +187,7 @@ class Trouble:
     after: str
     cause: Callable[[StandIn, Command], None] | None
     code: int
-    told: str
+    words: str
     delay: float = 3.0
     refused: str = ""
     beforehand: str = ""
@@ -213,7 +213,7 @@ TROUBLES = (
         after=QUESTION.format("doctor"),
         cause=None,
         code=2,
-        told="no answer for",
+        words="no answer for",
     ),
     Trouble(
         name="button on the chest",
@@ -221,7 +221,7 @@ TROUBLES = (
         after=r"^measure_friction-1",
         cause=fault("press:ChestBoard/Button,seconds=1"),
         code=1,
-        told="button",
+        words="button",
     ),
     Trouble(
         name="space bar",
@@ -229,7 +229,7 @@ TROUBLES = (
         after=r"^measure_(friction|speed)-1",
         cause=lambda stand_in, command: command.type(" "),
         code=1,
-        told="space bar",
+        words="space bar",
     ),
     Trouble(
         name="cable",
@@ -237,7 +237,7 @@ TROUBLES = (
         after=r"^LShoulderPitch-",
         cause=fault("cut:seconds=3"),
         code=1,
-        told="connection|connected|sample",
+        words="connection|connected|sample",
     ),
     Trouble(
         name="robot is sent to rest",
@@ -245,7 +245,7 @@ TROUBLES = (
         after=QUESTION.format("rest"),
         cause=rest,
         code=1,
-        told="stiffness|commands",
+        words="stiffness|commands",
         delay=12.0,
     ),
     Trouble(
@@ -254,7 +254,7 @@ TROUBLES = (
         after=QUESTION.format("free"),
         cause=fault("hot:LShoulderPitch,80"),
         code=1,
-        told="LShoulderPitch",
+        words="LShoulderPitch",
         delay=12.0,
         refused="cool",
     ),
@@ -265,7 +265,7 @@ TROUBLES = (
         cause=None,
         beforehand="value:Battery/Charge/Sensor/Value,0.15",
         code=1,
-        told="charge it",
+        words="charge it",
     ),
     Trouble(
         name="program killed",
@@ -273,7 +273,7 @@ TROUBLES = (
         after=QUESTION.format("free"),
         cause=lambda stand_in, command: command.process.kill(),
         code=-signal.SIGKILL,
-        told="",
+        words="",
         delay=12.0,
     ),
     Trouble(
@@ -282,7 +282,7 @@ TROUBLES = (
         after=r"^ +1\. ",
         cause=lambda stand_in, command: command.process.send_signal(signal.SIGINT),
         code=130,
-        told="interrupted",
+        words="interrupted",
     ),
     Trouble(
         name="an operator leaves",
@@ -290,7 +290,7 @@ TROUBLES = (
         after=QUESTION.format("touches"),
         cause=None,
         code=1,
-        told="no answer for",
+        words="no answer for",
     ),
 )
 
@@ -396,8 +396,8 @@ class Rehearsal:
         )
         self.expect(code == trouble.code, f"{trouble.name}: exit code {code}, not {trouble.code}")
         self.expect(
-            re.search(trouble.told, last) is not None,
-            f"{trouble.name}: says not '{trouble.told}': {last}",
+            re.search(trouble.words, last) is not None,
+            f"{trouble.name}: says not '{trouble.words}': {last}",
         )
         self.expect("Traceback" not in text, f"{trouble.name}: a traceback")
         if code > 0:

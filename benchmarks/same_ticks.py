@@ -64,7 +64,7 @@ CONTACT = "contact."
 SEED = 3  # of sensor noise, and of motion and pushes
 DRAWS = {"random": 2}
 MODELS = {"fusion": "fusion", "momentum": "fusion", "paper": "affine"}  # by observer
-MORE_RUNS: dict[str, tuple[dict[str, Any], ...]] = {  # by plant, beside the plain one
+MORE_RUNS: dict[str, tuple[dict[str, Any], ...]] = {  # by plant, in addition to the plain one
     "nominal": (
         {"reflexes": ("Hold",)},
         {"reflexes": ("Comply",)},
@@ -530,7 +530,7 @@ def verdict(run: Comparison) -> str:
 
 
 def partings(run: Comparison) -> list[str]:
-    """Tell when both sides part, and when the older one from itself."""
+    """Report when both sides part, and when the older one from itself."""
     if not run.parted_nudged:
         return []
     parted, *nudged = (

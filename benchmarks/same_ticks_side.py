@@ -211,7 +211,7 @@ def copy_models(job: dict[str, Any], folder: Path) -> Path:
 
 
 def make_observer(job: dict[str, Any], folder: Path) -> Observer:
-    """Make an observer by name; the facade knows how."""
+    """Make an observer by name, as the facade does."""
     models = copy_models(job, folder)
     observer = Pepper(job["uri"], observer=job["observer"], models=models).observer
     assert observer is not None

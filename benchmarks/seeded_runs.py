@@ -66,8 +66,8 @@ def _named(name: str, run: Callable[[], Result]) -> tuple[str, Result]:
     return name, run()
 
 
-def share(count: int, of: int) -> str:
-    """Return a share with its 95 % interval (Clopper-Pearson), for people."""
+def fraction_text(count: int, of: int) -> str:
+    """Return a human-readable fraction with its 95 % interval (Clopper-Pearson)."""
     if not of:
         return "-"
     low, high = binomtest(count, of).proportion_ci(0.95, method="exact")

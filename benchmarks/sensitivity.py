@@ -1,10 +1,10 @@
 """Sensitivity of mode ``fusion``: each run-time constant at half and at twice its value, each part left out.
 
 Robots of the development split are identified and touched once, as `pepper evaluate --split development` does; their
-takes are kept. Each variant of the observer then hears the same takes. Printed are N90 of the hand of attentive robots,
-the share of touches that are felt, false contacts, and the difference of the share from the shipped observer: its mean
-over robots, and twice the standard error of this mean. Takes and variants that are over are kept: the same command goes
-on after Ctrl-C.
+takes are kept. Each variant of the observer then gets the same takes. Printed are N90 of the hand of attentive robots,
+the fraction of touches that are detected, false contacts, and the difference of this fraction from the shipped
+observer: its mean over robots, and twice the standard error of this mean. Takes and variants that are over are kept:
+the same command goes on after Ctrl-C.
 Run: python benchmarks/sensitivity.py --draws 0-7 --folder runs/sensitivity --json sensitivity.json
 """
 
@@ -59,8 +59,9 @@ FACTORS = (0.5, 2.0)
 
 GROUPS = ("standing", "attentive", "in motion")
 
-Figures = dict[str, Any]
-"""Of one variant: ``felt`` by robot and group, (count, of); ``false`` by robot, alone and touched; hours; N90 [N]."""
+VariantResult = dict[str, Any]
+"""Of one variant: ``felt``, the detected touches, by robot and group, (count, of); ``false`` by robot, alone and
+touched; hours; N90 [N]."""
 
 
 def variants(only: Sequence[str]) -> list[str]:
@@ -88,7 +89,7 @@ def specs_of(draw: int) -> tuple[TakeSpec, ...]:
 
 
 def take_file(folder: Path, spec: TakeSpec) -> Path:
-    """Return where the record of a take is kept; its ticks and true torques are beside it."""
+    """Return where the record of a take is kept; its ticks and true torques are next to it."""
     return folder / "takes" / f"{spec.draw}-{spec.name}.json.gz"
 
 
@@ -178,14 +179,14 @@ def judge_robot(variant: str, draw: int, models: Path, folder: Path) -> RobotRec
         if take.failure:
             continue
         torque = np.load(torque_file(path))
-        heard = watch_all(
+        observed = watch_all(
             {FUSION: observer_of(variant, models)},
             Recording.load(ticks_file(path), robot),
             take.touches,
             robot,
             true_torque=torque if len(torque) else None,
         )
-        takes.append(replace(take, hearings=heard))
+        takes.append(replace(take, hearings=observed))
     name = f"random {draw}"
     return RobotRecord(
         key="",
@@ -200,31 +201,31 @@ def judge_robot(variant: str, draw: int, models: Path, folder: Path) -> RobotRec
     )
 
 
-def judge(variant: str, models: dict[int, Path], folder: Path) -> Figures:
+def judge(variant: str, models: dict[int, Path], folder: Path) -> VariantResult:
     """Show all takes to a variant, and score it."""
     if ":" in variant and not variant.startswith(SETTINGS):
         constant, _, factor = variant.partition("*")
         change(constant, float(factor))
     robot = load_robot()
     records = [judge_robot(variant, draw, file, folder) for draw, file in models.items()]
-    felt: dict[str, dict[str, list[int]]] = {}
+    detected: dict[str, dict[str, list[int]]] = {}
     false: dict[str, list[int]] = {}
     hours = [0.0, 0.0]
     for record in records:
-        groups = felt[record.robot] = {group: [0, 0] for group in GROUPS}
+        groups = detected[record.robot] = {group: [0, 0] for group in GROUPS}
         counts = false[record.robot] = [0, 0]
         for take in score_robot(record, FUSION, tuple(robot.limbs)).takes:
             counts[take.suite == "touch"] += len(take.false)
             hours[take.suite == "touch"] += take.hours
             for score in take.touches:
                 if score.touch.row == EVEN and (group := group_of(take.state)) in groups:
-                    groups[group][0] += score.felt
+                    groups[group][0] += score.detected
                     groups[group][1] += 1
     ours = summarise_touch(records, (FUSION,), robot, by_state=()).observer(FUSION)
     assert ours is not None
     cells = {f"{cell.law}, {cell.place}, {cell.state}": cell.n90 for cell in ours.groups}
     return {
-        "felt": felt,
+        "felt": detected,
         "false": false,
         "hours": hours,
         "n90": {name: None if n is None else n.newtons for name, n in cells.items()},
@@ -233,7 +234,7 @@ def judge(variant: str, models: dict[int, Path], folder: Path) -> Figures:
     }
 
 
-def judge_apart(variant: str, models: dict[int, Path], folder: Path) -> Figures:
+def judge_apart(variant: str, models: dict[int, Path], folder: Path) -> VariantResult:
     """Judge a variant in a process of its own, or read what an earlier call found."""
     key = content_hash([variant, {d: str(m) for d, m in models.items()}, code_hash()])
     kept = folder / "variants" / f"{key}.json"
@@ -245,24 +246,24 @@ def judge_apart(variant: str, models: dict[int, Path], folder: Path) -> Figures:
         if done.returncode:
             raise PepperError(f"{variant}: {done.stderr.strip()[-600:]}")
         write_text(kept, done.stdout)
-    figures: Figures = json.loads(kept.read_text())
-    return figures
+    result: VariantResult = json.loads(kept.read_text())
+    return result
 
 
 # -- all of them ------------------------------------------------------------------------------------------------------
 
 
-def share(figures: Figures, group: str) -> float:
-    """Return the share of touches of a group that were felt."""
-    parts = [robot[group] for robot in figures["felt"].values()]
-    felt, of = (sum(column) for column in zip(*parts, strict=True))
-    return float(felt / max(of, 1))
+def detected_fraction(result: VariantResult, group: str) -> float:
+    """Return the fraction of touches of a group that were detected."""
+    parts = [robot[group] for robot in result["felt"].values()]
+    detected, of = (sum(column) for column in zip(*parts, strict=True))
+    return float(detected / max(of, 1))
 
 
-def difference(figures: Figures, shipped: Figures) -> str:
-    """Return the difference of the shares of all touches, mean over robots, and twice its standard error."""
+def difference(result: VariantResult, shipped: VariantResult) -> str:
+    """Return the difference of the fractions of all touches, mean over robots, and twice its standard error."""
     found = []
-    for robot, groups in figures["felt"].items():
+    for robot, groups in result["felt"].items():
         of = sum(part[1] for part in groups.values())
         before = sum(part[0] for part in shipped["felt"][robot].values())
         found.append((sum(part[0] for part in groups.values()) - before) / max(of, 1))
@@ -270,13 +271,13 @@ def difference(figures: Figures, shipped: Figures) -> str:
     return f"{np.mean(found):+.3f} +- {spread:.3f}"
 
 
-def hand(figures: Figures) -> str:
+def hand(result: VariantResult) -> str:
     """Return N90 of the hand of attentive robots, by law."""
-    found = [figures["n90"].get(f"{law}, hand, attentive") for law in ("nominal", "integral")]
+    found = [result["n90"].get(f"{law}, hand, attentive") for law in ("nominal", "integral")]
     return " / ".join("-" if n is None else "> 30" if math.isinf(n) else f"{n:.1f}" for n in found)
 
 
-def show(results: dict[str, Figures], console: Console) -> None:
+def show(results: dict[str, VariantResult], console: Console) -> None:
     """Print a table."""
     shipped = results[FUSION]
     alone, touched = shipped["hours"]
@@ -294,17 +295,17 @@ def show(results: dict[str, Figures], console: Console) -> None:
     )
     for name in ("variant", *columns):
         table.add_column(name)
-    for variant, figures in results.items():
-        false = np.array(list(figures["false"].values())).sum(axis=0)
-        delay = figures["delay"]
+    for variant, result in results.items():
+        false = np.array(list(result["false"].values())).sum(axis=0)
+        delay = result["delay"]
         table.add_row(
             variant,
-            hand(figures),
-            *(f"{share(figures, group):.2f}" for group in GROUPS),
-            difference(figures, shipped),
+            hand(result),
+            *(f"{detected_fraction(result, group):.2f}" for group in GROUPS),
+            difference(result, shipped),
             *(str(count) for count in false),
             "-" if delay is None else f"{1e3 * delay:.0f}",
-            f"{figures['first_limb']:.2f}",
+            f"{result['first_limb']:.2f}",
         )
     console.print(table)
 
@@ -316,7 +317,7 @@ def main() -> int:
     parser.add_argument("--folder", type=Path, default=Path("runs/sensitivity"))
     parser.add_argument("--only", default="", help="parts of names of variants, by commas")
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--json", type=Path, help="file for the figures")
+    parser.add_argument("--json", type=Path, help="file for the results")
     parser.add_argument("--judge", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.judge:

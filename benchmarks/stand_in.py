@@ -1,8 +1,8 @@
 """Cost of the stand-in NAOqi: regularity of its robot's cycles, time of calls, load of its processes.
 
-Nobody asks (idle), then a client reads 80 keys and orders 17 joints every 12 ms, over real qi on this machine. Of both:
+No client asks (idle), then one reads 80 keys and orders 17 joints every 12 ms, over real qi on this machine. Of both:
 when samples are published after their cycle was due, cycles left out, processor time and growth of memory of both
-processes, what they share left out. Then calls one after the other, one every 12 ms: their times, round trip.
+processes, without memory that they share. Then calls one after the other, one every 12 ms: their times, round trip.
 
 Run on an idle machine: python benchmarks/stand_in.py --seconds 60 --json stand_in.json
 """
@@ -40,8 +40,8 @@ class Cost:
         self._processes = {name: Path(f"/proc/{pid}") for name, pid in pids.items()}
         self._began, self._before = time.monotonic(), self._now()
 
-    def figures(self) -> dict[str, float]:
-        """Shares of a processor, and growth [kB]."""
+    def results(self) -> dict[str, float]:
+        """Fractions of a processor, and growth [kB]."""
         wall, now = time.monotonic() - self._began, self._now()
         found: dict[str, float] = {}
         for name, (spent, size) in now.items():
@@ -70,18 +70,18 @@ def spread(milliseconds: ArrayLike) -> dict[str, float]:
 
 
 def during(stand_in: StandIn, seconds: float, act: Callable[[], None]) -> dict[str, Any]:
-    """Figures of so many seconds in which ``act`` is called every 12 ms."""
+    """Results of so many seconds in which ``act`` is called every 12 ms."""
     cost, begin, tick = Cost(stand_in), time.monotonic(), 0
     while (due := begin + tick * CYCLE) < begin + seconds:
         time.sleep(max(0.0, due - time.monotonic()))
         act()
         tick += 1
-    figures: dict[str, Any] = cost.figures()
+    results: dict[str, Any] = cost.results()
     box = stand_in.black_box()
     rows = box.begin >= begin
-    figures["published_ms"] = spread(1000 * (box.end - box.begin)[rows])
-    figures["left_out"] = int((np.diff(box.cycle[rows]) - 1).sum())
-    return figures
+    results["published_ms"] = spread(1000 * (box.end - box.begin)[rows])
+    results["left_out"] = int((np.diff(box.cycle[rows]) - 1).sum())
+    return results
 
 
 def timed(call: Callable[[], object], seconds: float) -> dict[str, float]:
@@ -96,7 +96,7 @@ def timed(call: Callable[[], object], seconds: float) -> dict[str, float]:
 
 
 def measure(seconds: float, seed: int) -> dict[str, Any]:
-    """All figures."""
+    """All results."""
     session = load_qi().Session()  # before the stand-in: see its reasons
     with StandIn(f"mujoco://?seed={seed}") as stand_in:
         session.connect(stand_in.url)
@@ -130,15 +130,15 @@ def measure(seconds: float, seed: int) -> dict[str, Any]:
     return found
 
 
-def show(figures: dict[str, Any]) -> None:
+def show(results: dict[str, Any]) -> None:
     """Print them."""
     console = Console()
     table = Table("", "idle", "client every 12 ms", title="the stand-in")
-    for key in figures["idle"]:
-        table.add_row(key, str(figures["idle"][key]), str(figures["client"][key]))
+    for key in results["idle"]:
+        table.add_row(key, str(results["idle"][key]), str(results["client"][key]))
     console.print(table)
     table = Table("call [ms]", "median", "p99", "max")
-    for name, times in figures["calls_ms"].items():
+    for name, times in results["calls_ms"].items():
         table.add_row(name, *[f"{value:.2f}" for value in times.values()])
     console.print(table)
 
@@ -153,13 +153,13 @@ def main() -> int:
     try:
         if given.json is not None:
             check_writable(given.json)
-        figures = measure(given.seconds, given.seed)
+        results = measure(given.seconds, given.seed)
     except PepperError as error:
         print(f"stand_in: {error}", file=sys.stderr)
         return 2
-    show(figures)
+    show(results)
     if given.json is not None:
-        write_json(given.json, figures)
+        write_json(given.json, results)
     return 0
 
 

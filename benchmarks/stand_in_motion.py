@@ -179,12 +179,12 @@ def main() -> None:
         session.connect(stand_in.url)
         motion = session.service("ALMotion")
         motion.wakeUp()
-        figures = {"joints": joints(stand_in, motion), "moves": moves(stand_in, motion)}
-        figures["fights"] = fights(stand_in, session, motion)
-    for name, rows in figures.items():
+        results = {"joints": joints(stand_in, motion), "moves": moves(stand_in, motion)}
+        results["fights"] = fights(stand_in, session, motion)
+    for name, rows in results.items():
         console.print(shown(name, rows))
     if given.json:
-        given.json.write_text(json.dumps(figures, indent=1))
+        given.json.write_text(json.dumps(results, indent=1))
 
 
 if __name__ == "__main__":

@@ -6,12 +6,12 @@ the motion, with one of FORCES along one of WAYS, in random order. Pushes are at
 contact lasts, no reflex acts, and the joints that the steps name follow the same path again as in the untouched run.
 Others, such as the yaw of the elbow, stay where the hand has led them. A push that would tip the robot is left out.
 
-A push is told, followed or retracted from when the sentence is said, or the reflex begins, from its onset to 0.15 s
-after its end. The hand is where the measured joint angles put it. It moved when it went at least 1 cm further along the
-push, from onset to release, than the untouched motion would have led it from there; without reactions it gives way as
-far as springs and gears do. A push is felt on when contacts were still told 3 s after its release.
+A push is announced, followed or retracted from when the sentence is said, or the reflex begins, from its onset to
+0.15 s after its end. The hand is where the measured joint angles put it. It moved when it went at least 1 cm further
+along the push, from onset to release, than the untouched motion would have led it from there; without reactions it
+gives way as far as springs and gears do. A push is still detected when contacts were reported 3 s after its release.
 
-What is chosen is chosen on the development seeds; the figures in the documentation are of the test seeds. Each run that
+What is chosen is chosen on the development seeds; the results in the documentation are of the test seeds. Each run that
 is over is in the JSON file: the same command goes on after Ctrl-C.
 Run: python benchmarks/touch_the_arm.py --seeds test --json touch_the_arm.json
 """
@@ -29,7 +29,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from seeded_runs import FILE_WIDTH, Parser, Result, perform, rate_bound, seeds, share
+from seeded_runs import FILE_WIDTH, Parser, Result, fraction_text, perform, rate_bound, seeds
 
 from pepper_driver import Contact, CueEvent, ExperimentRun, Observation, Pepper, PepperError
 from pepper_driver.config import Experiment, load_experiment, load_robot
@@ -60,10 +60,10 @@ APART = 4.0  # [s] between the onsets of two pushes, at least; a step takes as l
 MOVED_JOINTS = ("LShoulderPitch", "LShoulderRoll", "LElbowRoll")  # by the steps
 ON_PATH = 0.005  # [rad] from what the untouched run commands: the push before is over
 MOVED = 0.01  # [m]
-FELT_ON = 3.0  # [s] after the release: something is felt that is no longer there
+STILL_DETECTED = 3.0  # [s] after the release: a contact is reported that is no longer there
 WITHOUT_REACTIONS = 2  # runs of each plant
 
-TIMES = ("told", "follow_hand", "retract")
+TIMES = ("told", "follow_hand", "retract")  # keys of the results: announced, followed, retracted
 
 
 @dataclass
@@ -75,7 +75,7 @@ class Story:
     measured: list[FloatArray] = field(default_factory=list)  # (17,) [rad]
     saturated: list[bool] = field(default_factory=list)  # the motor board of a joint of the arm
     contacts: list[Contact] = field(default_factory=list)
-    told: list[float] = field(default_factory=list)
+    announced: list[float] = field(default_factory=list)
     reflexes: list[tuple[str, float]] = field(default_factory=list)  # kind and when it began
     tilt: float = 0.0  # [rad] largest
 
@@ -103,7 +103,7 @@ class RandomHand:
         self._named = np.isin(robot.joint_names, MOVED_JOINTS)
         self._kinds: list[tuple[float, str]] = []
         self._open: set[int] = set()
-        self._heard = 0
+        self._received = 0
         self._last, self._last_end = -np.inf, untouched.time[-1] - END - DURATION - RELEASE_GRACE
         self._due: float | None = None
         self.left_out: list[tuple[float, str]] = []
@@ -128,9 +128,9 @@ class RandomHand:
             self.left_out.append((force, way))
 
     def _is_over(self, pepper: Pepper, story: Story) -> bool:
-        for contact in story.contacts[self._heard :]:
+        for contact in story.contacts[self._received :]:
             (self._open.discard if contact.phase == "end" else self._open.add)(contact.id)
-        self._heard = len(story.contacts)
+        self._received = len(story.contacts)
         if self._open or any(reflex.active for reflex in pepper.reflexes):
             return False
         off = story.commanded[-1] - self._untouched.commanded[len(story.time) - 1]
@@ -177,7 +177,7 @@ def play(
             pepper.backend.push(HAND, push.force * np.array(WAYS[push.way]), POINT, DURATION)
 
     report = run.perform(on_tick=on_tick)
-    story.told = [cue.time - start[0] for cue in cues]
+    story.announced = [cue.time - start[0] for cue in cues]
     story.reflexes = [(e.kind, e.time - start[0]) for e in report.reflexes if e.phase == "begin"]
     story.contacts = [replace(c, time=c.time - start[0]) for c in story.contacts]
     return story, pushes
@@ -212,10 +212,10 @@ def measure(plant: str, min_force: float, seed: int, *, without_reactions: bool)
     for push, onset, following in zip(pushes, onsets, [*onsets[1:], np.inf], strict=True):
         end = int(np.searchsorted(story.time, onset + DURATION))
         latest = onset + DURATION + RELEASE_GRACE
-        told = [time for time in story.told if onset < time <= latest]
-        explained += len(told)
+        announced = [time for time in story.announced if onset < time <= latest]
+        explained += len(announced)
         result: Result = {"force": push.force, "way": push.way, "onset": onset}
-        result["told"] = told[0] - onset if told else None
+        result["told"] = announced[0] - onset if announced else None
         for kind in TIMES[1:]:
             begun = [time for k, time in story.reflexes if k == kind and onset < time <= latest]
             result[kind] = begun[0] - onset if begun else None
@@ -226,8 +226,8 @@ def measure(plant: str, min_force: float, seed: int, *, without_reactions: bool)
             if onset < contact.time <= latest
         ]
         result["reported"] = max(forces, default=None)
-        felt_on = [c.time for c in story.contacts if onset < c.time < following]
-        result["felt_on"] = max(felt_on, default=onset) - onset - DURATION
+        still_detected = [c.time for c in story.contacts if onset < c.time < following]
+        result["felt_on"] = max(still_detected, default=onset) - onset - DURATION
         result["moved"] = moved(model, story, untouched, push, end)
         result["gave_way"] = passive and moved(model, passive, untouched, push, end)
         result["saturated"] = any(story.saturated[push.tick : end])
@@ -235,11 +235,11 @@ def measure(plant: str, min_force: float, seed: int, *, without_reactions: bool)
     return {
         "pushes": results,
         "left_out": hand.left_out,
-        "other_sentences": len(story.told) - explained,
+        "other_sentences": len(story.announced) - explained,
         "tilt": story.tilt,
         "untouched": {
             "seconds": untouched.time[-1],
-            "sentences": len(untouched.told),
+            "sentences": len(untouched.announced),
             "reflexes": len(untouched.reflexes),
             "contacts": sum(contact.phase == "begin" for contact in untouched.contacts),
         },
@@ -275,23 +275,23 @@ def median(values: Iterable[float | None]) -> str:
 def force_table(pushes: dict[str, list[Result]]) -> Table:
     """Return a row for each plant and force."""
     table = Table(
-        "plant", "force", "told", "followed", "moved by 1 cm", "retracted", "delay, ms", "way, mm",
-        "without reactions", "motor at its limit", "felt on",
+        "plant", "force", "announced", "followed", "moved by 1 cm", "retracted", "delay, ms", "way, mm",
+        "without reactions", "motor at its limit", "still detected",
         title="Simulated: pushes on the hand of the moving arm, all directions",
     )  # fmt: skip
     for plant, force in product(pushes, FORCES):
         rows = [push for push in pushes[plant] if push["force"] == force]
-        told, followed, retracted = (sum(r[key] is not None for r in rows) for key in TIMES)
+        announced, followed, retracted = (sum(r[key] is not None for r in rows) for key in TIMES)
         moved = sum(r["moved"] >= MOVED for r in rows)
         table.add_row(
             plant,
             f"{force:g} N",
-            *(share(count, len(rows)) for count in (told, followed, moved, retracted)),
+            *(fraction_text(count, len(rows)) for count in (announced, followed, moved, retracted)),
             median(r["told"] for r in rows),
             median(r["moved"] for r in rows),
             median(r["gave_way"] for r in rows),
             str(sum(r["saturated"] for r in rows)),
-            str(sum(r["felt_on"] > FELT_ON for r in rows)),
+            str(sum(r["felt_on"] > STILL_DETECTED for r in rows)),
         )
     return table
 
@@ -302,19 +302,19 @@ def way_table(pushes: dict[str, list[Result]]) -> Table:
         "plant",
         "direction",
         *(f"{force:g} N" for force in FORCES),
-        title="Told / retracted of all; median (5-95 %) of the largest force reported, N",
+        title="Announced / retracted of all; median (5-95 %) of the largest force reported, N",
     )
     for plant, way in product(pushes, WAYS):
         cells = []
         for force in FORCES:
             rows = [r for r in pushes[plant] if r["force"] == force and r["way"] == way]
-            told, _, retracted = (sum(r[key] is not None for r in rows) for key in TIMES)
+            announced, _, retracted = (sum(r[key] is not None for r in rows) for key in TIMES)
             forces = [r["reported"] for r in rows if r["reported"] is not None]
             spread = ""
             if forces:
                 low, middle, high = np.percentile(forces, (5, 50, 95))
                 spread = f"; {middle:.0f} ({low:.0f}-{high:.0f})"
-            cells.append(f"{told} / {retracted} of {len(rows)}{spread}")
+            cells.append(f"{announced} / {retracted} of {len(rows)}{spread}")
         table.add_row(plant, way, *cells)
     return table
 
@@ -323,7 +323,7 @@ def untouched_table(results: dict[str, list[Result]]) -> Table:
     """Return a row for each plant: what came without touch, and what else there is to know."""
     table = Table(
         "plant", "untouched, min", "sentences", "reflexes", "contacts", "sentences an hour, below",
-        "sentences beside pushes", "left out, would tip", "largest tilt, deg",
+        "sentences without pushes", "left out, would tip", "largest tilt, deg",
         title="Simulated: the same runs without a touch; and of those with pushes",
     )  # fmt: skip
     for plant, runs in results.items():

@@ -53,33 +53,33 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=2, help="runs of each kind")
     parser.add_argument("--log", type=Path, help="log whose opening is timed")
     parser.add_argument("--hours", type=float, default=1.0, help="of a log that is made for it")
-    parser.add_argument("--json", type=Path, help="file for the figures")
+    parser.add_argument("--json", type=Path, help="file for the results")
     arguments = parser.parse_args()
     console = Console()
-    figures: dict[str, Any] = {kind: [] for kind in KINDS}
+    results: dict[str, Any] = {kind: [] for kind in KINDS}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.mcap"
         for _ in range(arguments.rounds):
             for kind in KINDS:
-                figures[kind].append(run(kind, arguments.seconds, path))
-                console.print(f"{kind}: {figures[kind][-1]}")
-        figures["first_picture"] = [first_picture(["view"]) for _ in range(STARTS + 1)][1:]
-        console.print(f"first picture: {figures['first_picture']}")
+                results[kind].append(run(kind, arguments.seconds, path))
+                console.print(f"{kind}: {results[kind][-1]}")
+        results["first_picture"] = [first_picture(["view"]) for _ in range(STARTS + 1)][1:]
+        console.print(f"first picture: {results['first_picture']}")
         log = arguments.log
         if log is None:
             log = Path(folder) / "long.mcap"
             make_log(log, 3600.0 * arguments.hours)
-        figures["log"] = {
+        results["log"] = {
             "megabytes": log.stat().st_size / 1e6,
             "first_picture": [first_picture(["view", str(log)]) for _ in range(STARTS)],
         }
-    console.print(table(figures))
+    console.print(table(results))
     if arguments.json is not None:
-        write_json(arguments.json, figures)
+        write_json(arguments.json, results)
 
 
 def run(kind: str, seconds: float, log: Path) -> dict[str, Any]:
-    """Return the figures of a robot that moves in real time, of one of KINDS."""
+    """Return the results of a robot that moves in real time, of one of KINDS."""
     pepper = Pepper("mujoco", real_time=True, log=log, reflexes=[Hold()])
     with ExitStack() as stack:
         page: Watched | None = None
@@ -103,13 +103,13 @@ def run(kind: str, seconds: float, log: Path) -> dict[str, Any]:
             pepper.set_posture({"LShoulderPitch": goal, "HeadYaw": goal - 0.6}, duration=2.0)
             pepper.run(STEP)
         found = pepper.statistics
-        figures = {
+        results = {
             "ticks": found.ticks,
             "missed": found.missed,
             "tick_us": found.tick.median,
             "tick_p99_us": found.tick.p99,
         }
-        return figures if page is None else figures | page.figures()
+        return results if page is None else results | page.results()
 
 
 class Watched:
@@ -137,7 +137,7 @@ class Watched:
         self._rows, self._begin = 0, time.perf_counter()
         self._cpu = sum(self._page.cpu_times()[:2])
 
-    def figures(self) -> dict[str, float]:
+    def results(self) -> dict[str, float]:
         """Return rows a second, processor time of the page as a ratio, and its memory [MB]."""
         passed = time.perf_counter() - self._begin
         return {
@@ -195,13 +195,13 @@ def make_log(path: Path, seconds: float) -> None:
             pepper.run(LONG_STEP)
 
 
-def table(figures: dict[str, Any]) -> Table:
-    """Return the figures for people."""
+def table(results: dict[str, Any]) -> Table:
+    """Return a table of the results."""
     shown = Table("", *KINDS)
 
     def row(title: str, key: str, form: str = "{:.0f}") -> None:
         cells = [
-            ", ".join(form.format(one[key]) for one in figures[kind] if key in one) or "-"
+            ", ".join(form.format(one[key]) for one in results[kind] if key in one) or "-"
             for kind in KINDS
         ]
         shown.add_row(title, *cells)
@@ -210,14 +210,14 @@ def table(figures: dict[str, Any]) -> Table:
     row("missed", "missed")
     row("tick without the robot, median [us]", "tick_us")
     row("its p99 [us]", "tick_p99_us")
-    medians = [statistics.median(one["tick_us"] for one in figures[kind]) for kind in KINDS]
+    medians = [statistics.median(one["tick_us"] for one in results[kind]) for kind in KINDS]
     shown.add_row("ratio of medians", *(f"{median / medians[0]:.3f}" for median in medians))
     row("rows a second", "rows_per_s", "{:.1f}")
     row("processor time of the page", "page_cpu", "{:.2f}")
     row("memory of the page [MB]", "page_mb")
-    shown.add_row("first picture [s]", "", "", f"{statistics.median(figures['first_picture']):.2f}")
-    title = f"first picture of a log of {figures['log']['megabytes']:.0f} MB [s]"
-    shown.add_row(title, "", "", f"{statistics.median(figures['log']['first_picture']):.2f}")
+    shown.add_row("first picture [s]", "", "", f"{statistics.median(results['first_picture']):.2f}")
+    title = f"first picture of a log of {results['log']['megabytes']:.0f} MB [s]"
+    shown.add_row(title, "", "", f"{statistics.median(results['log']['first_picture']):.2f}")
     return shown
 
 

@@ -54,7 +54,7 @@ class Judge:
         self._corners = corners[np.argsort(np.arctan2(corners[:, 1], corners[:, 0]))]
 
     def distance(self, q: FloatArray) -> float:
-        """Least distance of any pair [m]."""
+        """Minimum distance of any pair [m]."""
         self._capsules.place(q)
         return float(self._capsules.distances().min())
 
@@ -167,7 +167,7 @@ def wander(
     control, model = wanderer.controller, wanderer.controller.model
     outcomes: Counter[str] = Counter()
     violated: Counter[str] = Counter()
-    least = dict.fromkeys(("distance", "centre of mass", "zero moment point"), np.inf)
+    minimum = dict.fromkeys(("distance", "centre of mass", "zero moment point"), np.inf)
     overshoot, nans, errors, change = -np.inf, 0, 0, 0
     times = np.zeros(ticks)
     for tick in range(ticks):
@@ -196,15 +196,15 @@ def wander(
             ("zero moment point", judge.zero_moment_point(q, v, a)),
             ("zero moment point", judge.zero_moment_point(model.q, model.v, a)),
         ):
-            least[key] = min(least[key], value)
+            minimum[key] = min(minimum[key], value)
     return {
         "seed": seed,
         "ticks": ticks,
-        "least_distance_mm": 1e3 * least["distance"],
-        "worst_penetration_mm": max(0.0, -1e3 * least["distance"]),
+        "least_distance_mm": 1e3 * minimum["distance"],
+        "worst_penetration_mm": max(0.0, -1e3 * minimum["distance"]),
         "least_margin_mm": {
-            "zero_moment_point": 1e3 * least["zero moment point"],
-            "centre_of_mass": 1e3 * least["centre of mass"],
+            "zero_moment_point": 1e3 * minimum["zero moment point"],
+            "centre_of_mass": 1e3 * minimum["centre of mass"],
         },
         "position_overshoot_mrad": max(0.0, 1e3 * overshoot),
         "not_a_number": nans,
@@ -225,19 +225,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Random targets: collisions, balance, limits.")
     parser.add_argument("--minutes", type=float, default=10.0, help="of the controller's time")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", type=Path, help="write the figures to this file")
+    parser.add_argument("--json", type=Path, help="write the results to this file")
     given = parser.parse_args()
     robot = load_robot()
-    figures = wander(robot, round(given.minutes * 60 / robot.cycle), given.seed)
+    results = wander(robot, round(given.minutes * 60 / robot.cycle), given.seed)
     table = Table(title=f"{given.minutes:g} min of random targets", show_header=False)
-    for key, value in figures.items():
+    for key, value in results.items():
         parts = value.items() if isinstance(value, dict) else [("", value)]
         for part, number in parts:
             shown = f"{number:.2f}" if isinstance(number, float) else str(number)
             table.add_row(f"{key} {part}".replace("_", " ").strip(), shown)
     Console().print(table)
     if given.json is not None:
-        given.json.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+        given.json.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -136,7 +136,7 @@ def test_the_request_is_timed_to_the_beginning_of_its_tick() -> None:
             robot.request()
             clock.now += 4_000_000
             assert robot.read() == "sample"
-        robot.read()  # nobody asked
+        robot.read()  # no request came before
     assert leads == pytest.approx([5.0, 5.0])
     robot.request()
     robot.read()
@@ -331,18 +331,18 @@ def test_columns_are_compared_bit_for_bit(
 
 def test_columns_of_one_side_differ_unless_they_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
     module = benchmark(SAME_TICKS, monkeypatch)
-    older, newer = {"sent": ROWS, "gone": ROWS}, {"command.position": ROWS, "come": ROWS}
+    older, newer = {"sent": ROWS, "old": ROWS}, {"command.position": ROWS, "come": ROWS}
     result = module.compare("run", older, newer)
     assert not result.same
     assert result.one_sided == [
-        "gone: older side only",
+        "old: older side only",
         "sent: older side only",
         "come: newer side only",
         "command.position: newer side only",
     ]
     monkeypatch.setattr(module, "RENAMED", {"command.position": "sent"})
     monkeypatch.setattr(module, "ADDED", {"come"})
-    monkeypatch.setattr(module, "REMOVED", {"gone"})
+    monkeypatch.setattr(module, "REMOVED", {"old"})
     result = module.compare("run", older, newer)
     assert (result.same, result.columns, result.one_sided) == (True, 1, [])
     assert not module.compare("run", older, {**newer, "command.position": -ROWS}).same
@@ -524,7 +524,7 @@ def test_motions_are_made_once_and_shown_again(
     still, moving = runs.values()
     assert still["law"] == moving["law"]
     assert len(still["joints"]) == len(still["sliding"]) == len(still["heat"]) == 10
-    # Targets of boards stray a little, also at rest.
+    # Targets of boards drift a little, also at rest.
     assert np.mean(still["sliding"]) < 0.1 < 0.5 < np.mean(moving["sliding"])
     assert np.mean(moving["travel"]) > 5.0 * np.mean(still["travel"])
     assert 0.0 < still["hand"] < moving["hand"]
@@ -589,7 +589,7 @@ def test_touches_of_own_models_give_n90(
     [run] = json.loads((tmp_path / "touch.json").read_text())["runs"].values()
     # A touch of each of the two takes.
     assert [len(run[name]["touches"]) for name in ("fusion", "momentum")] == [2, 2]
-    assert all(force > 0.0 for place, force, felt in run["fusion"]["touches"])
+    assert all(force > 0.0 for place, force, detected in run["fusion"]["touches"])
     assert "│ fusion " in out
     assert " of 1 " in out or " of 2 " in out
 

@@ -335,7 +335,7 @@ def _evaluate_split(
         save_json(json_file, judged.as_json(), console)
         if report is not None:
             robot = load_robot()
-            # Not before: a look is from a clean commit, and a lock beside the page is none of it.
+            # Not before: a look is from a clean commit, and a lock next to the page is none of it.
             with lock_file(report):
                 reference = _reference(robot, pool, console)
                 write_touch_report(judged.summary, report, robot, judged.origin(report), reference)

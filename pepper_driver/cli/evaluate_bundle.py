@@ -1,4 +1,4 @@
-"""``pepper evaluate --log BUNDLE``: the first hour of a robot, judged as simulated robots are and beside them."""
+"""``pepper evaluate --log BUNDLE``: the first hour of a robot, judged like simulated robots and compared with them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from pepper_driver.evaluation.touch.ledger import Look, read_ledger
 from pepper_driver.evaluation.touch.logs import LogFailure
 from pepper_driver.evaluation.touch.look import LEDGER, records_of_look, repository_or_none
 from pepper_driver.evaluation.touch.observers import FUSION, check_observers
-from pepper_driver.evaluation.touch.page import Beside
+from pepper_driver.evaluation.touch.page import SimulatedRobots
 from pepper_driver.evaluation.touch.report import Origin, write_touch_report
 from pepper_driver.evaluation.touch.summary import summarise_touch
 from pepper_driver.evaluation.touch.summary_data import TouchSummary
@@ -33,14 +33,14 @@ from pepper_driver.first_hour.bundle import is_bundle, open_bundle
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluatedBundles:
-    """Bundles, and the figures of their robots.
+    """Bundles, and the results of their robots.
 
     Attributes:
         paths: As given.
         bundles: Those that could be judged.
         failures: Those that could not.
         observers: Names.
-        summary: All figures.
+        summary: All results.
     """
 
     paths: tuple[Path, ...]
@@ -50,7 +50,7 @@ class EvaluatedBundles:
     summary: TouchSummary
 
     def as_json(self) -> dict[str, Any]:
-        """Figures of the summary, ``bundles`` and ``failures``."""
+        """Results of the summary, ``bundles`` and ``failures``."""
         return {
             **self.summary.as_json(),
             "bundles": [
@@ -79,7 +79,7 @@ def bundles_of(paths: Sequence[Path]) -> bool:
     if any(found) and not all(found):
         path = paths[found.index(False)]
         raise ConfigError(
-            f"{path}: a log beside bundles of a first hour; logs are judged by models of your choice and bundles by "
+            f"{path}: a log among bundles of a first hour; logs are judged by models of your choice and bundles by "
             "their own: give either"
         )
     return any(found)
@@ -114,16 +114,18 @@ def evaluate_bundles(
 
 
 def write_bundle_report(console: Console, found: EvaluatedBundles, report: Path) -> None:
-    """Write the page of bundles, with the last complete look at simulated test robots beside them.
+    """Write the page of bundles, compared with the last complete look at simulated test robots.
 
     Raises:
         PepperError: The page cannot be written; the ledger or a record of the look is damaged.
     """
-    ledger, beside = _last_complete_look()
+    ledger, simulated_robots = _last_complete_look()
     lines = [line for one in found.bundles for line in one.lines]
     lines += [f"{one.path} could not be judged: {one.reason}" for one in found.failures]
-    if beside is None:
-        text = "No look at the simulated test robots is complete here, so none stands beside these."
+    if simulated_robots is None:
+        text = (
+            "No look at the simulated test robots is complete here: nothing to compare these with."
+        )
         lines.append(text)
         console.print(text)
     command = f"pepper evaluate --log {' '.join(path.name for path in found.paths)}"
@@ -133,11 +135,13 @@ def write_bundle_report(console: Console, found: EvaluatedBundles, report: Path)
         simulated=bool(found.bundles) and all(one.simulated for one in found.bundles),
         ledger=ledger,
     )
-    write_touch_report(found.summary, report, load_robot(), origin, beside=beside)
+    write_touch_report(
+        found.summary, report, load_robot(), origin, simulated_robots=simulated_robots
+    )
     console.print(f"report: {report}")
 
 
-def _last_complete_look() -> tuple[tuple[Look, ...], Beside | None]:
+def _last_complete_look() -> tuple[tuple[Look, ...], SimulatedRobots | None]:
     """Return the looks so far, and the robots of the last one that is complete and kept."""
     root = repository_or_none()
     if root is None:
@@ -150,7 +154,7 @@ def _last_complete_look() -> tuple[tuple[Look, ...], Beside | None]:
             summary = summarise_touch(
                 records, (FUSION,), robot, suites=load_touch_suites(robot), by_state=()
             )
-            return ledger, Beside(
+            return ledger, SimulatedRobots(
                 summary=summary,
                 what=f"the {len(records)} simulated test robots of look {look.look} (draws {look.draws}), each with "
                 "models of its own",

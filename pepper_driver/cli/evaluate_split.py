@@ -1,4 +1,4 @@
-"""``pepper evaluate --split``: robots of a population that people touch, judged as a user hears them."""
+"""``pepper evaluate --split``: robots of a population that people touch, judged by the events that a program gets."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class SplitOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class JudgedSplit:
-    """Robots of a split, and the figures of all observers.
+    """Robots of a split, and the results of all observers.
 
     Attributes:
         options: As they were given.
@@ -71,7 +71,7 @@ class JudgedSplit:
         look: Line of the ledger; None of a development split.
         records: The robots.
         observers: Names.
-        summary: The figures.
+        summary: The results.
     """
 
     options: SplitOptions
@@ -82,7 +82,7 @@ class JudgedSplit:
     summary: TouchSummary
 
     def as_json(self) -> dict[str, Any]:
-        """Return the figures, and the look that they are of."""
+        """Return the results, and the look that they are of."""
         look = None if self.look is None else as_rows([self.look])[0]
         return {
             "split": self.options.split,
@@ -94,7 +94,7 @@ class JudgedSplit:
         }
 
     def origin(self, report: Path) -> Origin:
-        """Return the origin of the figures, for a page."""
+        """Return the origin of the results, for a page."""
         robots = ", ".join(str(record.draw) for record in self.records)
         look, suites = self.look, self.suites.digest
         quick = " Few and short takes: to try, not to quote." if self.options.quick else ""
@@ -136,8 +136,8 @@ def judge_split(options: SplitOptions, workers: Workers, console: Console) -> Ju
     _check_options(options)
     if options.last_look:
         look, records = last_look(repository())
-        heard = (name for record in records for take in record.takes for name in take.hearings)
-        return _summed(options, suites, look, records, tuple(dict.fromkeys(heard)))
+        found = (name for record in records for take in record.takes for name in take.hearings)
+        return _summed(options, suites, look, records, tuple(dict.fromkeys(found)))
     spec = suites.splits[options.split]
     parts = options.parts or PARTS
     if unknown := [name for name in parts if name not in PARTS]:
@@ -232,24 +232,27 @@ def print_summary(console: Console, summary: TouchSummary, observers: Sequence[s
     ours = summary.observer(observers[0])
     if ours is not None:
         _print_n90(console, summary, ours)
-    heard = _table("as a user hears it", "observer", "felt", "false", "hours", "an hour, 95 %")
-    where = _table("of what was felt", "observer", "limb", "joint, 150 ms", "direction")
+    events = _table(
+        "by the events of a program", "observer", "detected", "false", "hours", "an hour, 95 %"
+    )
+    where = _table("of detected touches", "observer", "limb", "joint, 150 ms", "direction")
     for name in observers:
         one = summary.observer(name)
         if one is None:
             continue
-        felt, located = one.felt(), next((p for p in one.located if p.law == ALL), None)
-        heard.add_row(name, f"{felt.count} of {felt.of}", *_false_cells(one.false_contacts()))
+        detected, located = one.detected(), next((p for p in one.located if p.law == ALL), None)
+        counts = f"{detected.count} of {detected.of}"
+        events.add_row(name, counts, *_false_cells(one.false_contacts()))
         if located is not None:
             parts = (located.first_limb, located.joint_later, located.direction)
-            where.add_row(name, *(_share(part.share) for part in parts))
-    for table in (heard, where):
+            where.add_row(name, *(_fraction(part.fraction) for part in parts))
+    for table in (events, where):
         if table.row_count:
             console.print(table)
     for robot in summary.robots:
         if robot.failure:
             console.print(
-                f"failed: {robot.robot}: not identified, its touches count as not felt: {robot.failure}"
+                f"failed: {robot.robot}: not identified, its touches count as not detected: {robot.failure}"
             )
         for take, reason in robot.failed_takes.items():
             console.print(f"failed: {robot.robot}, {take}: {reason}")
@@ -297,5 +300,5 @@ def _false_cells(false: FalseContacts | None) -> tuple[str, str, str]:
     return f"{false.begins} + {false.moves} moves", f"{false.hours:.2f}", per_hour
 
 
-def _share(value: float | None) -> str:
+def _fraction(value: float | None) -> str:
     return "-" if value is None else f"{value:.2f}"

@@ -99,7 +99,7 @@ def trace_of(mode: str, episode: Episode, watched: ObserverRun, joint: str) -> T
     travel = np.ptp(recording.sent_position, axis=0)
     travel[index] = 0.0
     # Stable: joints of equal travel keep their order, so that the page is the same each time.
-    most = [i for i in np.argsort(-travel, kind="stable")[:3] if travel[i] > 0.0]
+    moved = [i for i in np.argsort(-travel, kind="stable")[:3] if travel[i] > 0.0]
     return Trace(
         mode=mode,
         suite=episode.suite,
@@ -109,7 +109,7 @@ def trace_of(mode: str, episode: Episode, watched: ObserverRun, joint: str) -> T
         time=recording.time.copy(),
         sent=recording.sent_position[:, index].copy(),
         position=recording.position[:, index].copy(),
-        others={recording.joint_names[i]: recording.sent_position[:, i].copy() for i in most},
+        others={recording.joint_names[i]: recording.sent_position[:, i].copy() for i in moved},
         expected=watched.expected[:, index].copy(),
         residual=watched.residual[:, index].copy(),
         threshold=watched.threshold[:, index].copy(),

@@ -53,7 +53,7 @@ class Job:
     """One episode to evaluate: ``make`` performs it, and can be sent to another process.
 
     Attributes:
-        suite: That its figures are summed up in.
+        suite: That its results are summed up in.
         title: Human-readable name.
         make: Performs the episode, or loads one that was performed before.
         pictured: The joint to keep data of for a figure, if any.
@@ -279,8 +279,8 @@ def _by_mode(
     affine, oracle = metrics.get("paper-affine", {}), metrics.get(ORACLE, {})
     return {
         mode: {
-            suite: with_gap_closed(figures, affine.get(suite), oracle.get(suite))
-            for suite, figures in by_suite.items()
+            suite: with_gap_closed(results, affine.get(suite), oracle.get(suite))
+            for suite, results in by_suite.items()
         }
         for mode, by_suite in metrics.items()
         if by_suite

@@ -25,7 +25,7 @@ class Counts:
 
 @dataclass(frozen=True, kw_only=True)
 class Metrics:
-    """All figures of one observer; no entry where the episodes say nothing of it.
+    """All results of one observer; no entry where the episodes say nothing of it.
 
     Attributes:
         table1: Counts by experiment of the suite ``paper``, and ``total``.
@@ -43,7 +43,7 @@ class Metrics:
 
 
 def summarise(scores: Sequence[EpisodeScore]) -> Metrics:
-    """Return the figures of one observer over episodes."""
+    """Return the results of one observer over episodes."""
     return Metrics(table1=_table1(scores), fit=_fit(scores), fit_gap_closed={})
 
 

@@ -104,15 +104,15 @@ def _fit_table(evaluation: EvaluationResult, suite: str) -> str:
         mode: by_suite[suite] for mode, by_suite in evaluation.modes.items() if suite in by_suite
     }
     last = "gap closed by fusion" if suite == "fit" else "points lost by fusion"
-    figures: dict[str, float] = {}
+    results: dict[str, float] = {}
     if "fusion" in modes:
         loss = evaluation.fit_loss("fusion").get(suite, {})
-        figures = modes["fusion"].fit_gap_closed if suite == "fit" else loss
+        results = modes["fusion"].fit_gap_closed if suite == "fit" else loss
     rows = []
     for joint in dict.fromkeys(joint for metrics in modes.values() for joint in metrics.fit):
         fits = [metrics.fit.get(joint) for metrics in modes.values()]
         cells = [f"{number(f.estimation, 1)} / {number(f.test, 1)}" if f else "-" for f in fits]
-        rows.append([joint, *cells, number(figures.get(joint))])
+        rows.append([joint, *cells, number(results.get(joint))])
     return table(("joint", *modes, last), rows)
 
 
@@ -166,7 +166,7 @@ def write_report(
 def page(evaluation: EvaluationResult, pictures: dict[str, str], command: str) -> str:
     """Return the page as text; ``pictures`` has a caption for each path."""
     parts = [
-        f"*All figures here are simulated. `{command}` wrote this page; do not edit it.*",
+        f"*All results here are simulated. `{command}` wrote this page; do not edit it.*",
         "# Results of the contact observers",
         *_provenance(evaluation),
         *table1(evaluation, pictures),

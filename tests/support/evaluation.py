@@ -108,7 +108,7 @@ def make_episode(
 
 
 class Script(Observer):
-    """Says what it was told to say: events at their time, and the same arrays in every tick.
+    """Reports what it was given: events at their time, and the same arrays in every tick.
 
     ``expected`` and ``torque`` are (n, N), ``threshold`` may be; a threshold of NaN makes a joint blind.
     """

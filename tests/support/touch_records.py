@@ -11,8 +11,8 @@ import numpy as np
 from pepper_driver.config.touch_suites import EVEN
 from pepper_driver.evaluation.touch.records import (
     BoardLaw,
-    Heard,
-    Hearing,
+    ObserverRecord,
+    ReportedEvent,
     RobotRecord,
     Take,
     TorqueEstimate,
@@ -64,22 +64,22 @@ def touched(
     return Touched(**{**values, **changes})
 
 
-def told(
+def reported(
     number: int, begin: float, end: float | None, limb: str = "left_arm", **changes: Any
-) -> Iterator[Heard]:
+) -> Iterator[ReportedEvent]:
     """Begin and end of a contact; it names, and is shown by, the joint that touches of the limb turn most."""
     torques = TORQUES.get(limb, {"RElbowRoll": 1.0})
     joint = None if limb == "trunk" else max(torques, key=torques.__getitem__)
     values: dict[str, Any] = {"kind": "contact", "joint": joint, "direction": 1, **changes}
     values.setdefault("shown_by", values["joint"])
-    yield Heard(id=number, phase="begin", time=begin, limb=limb, **values)
+    yield ReportedEvent(id=number, phase="begin", time=begin, limb=limb, **values)
     if end is not None:
-        yield Heard(id=number, phase="end", time=end, limb=limb, **values)
+        yield ReportedEvent(id=number, phase="end", time=end, limb=limb, **values)
 
 
 def take(
     touches: Sequence[Touched] = (),
-    hearings: Mapping[str, Hearing] | None = None,
+    hearings: Mapping[str, ObserverRecord] | None = None,
     *,
     suite: Literal["touch", "free"] = "touch",
     seconds: float = 3600.0,
@@ -113,12 +113,12 @@ def drawn_robot(
     free_hours: float = 0.5,
     spread: float = 0.1,
 ) -> RobotRecord:
-    """A robot whose touches are felt as logistic curves in log force say.
+    """A robot whose touches are detected with the probability of logistic curves in log force.
 
     Args:
         number: Of its draw, and seed.
         law: Of its boards.
-        middles: By state, place and observer, force at which half of the touches are felt [N]; infinite for none.
+        middles: By state, place and observer, force at which half of the touches are detected [N]; infinite for none.
         false: By observer, false contacts an hour.
         slope: Of the curves.
         forces: [N]
@@ -178,16 +178,16 @@ def _drawn(
     rng: np.random.Generator,
     false: float,
     seconds: float,
-) -> Hearing:
-    events: list[Heard] = []
+) -> ObserverRecord:
+    events: list[ReportedEvent] = []
     torques = []
     for number, touch in enumerate(touches):
         middle = places[touch.place].get(observer, math.inf) * own
         force = touch.force or 0.0
-        share = 1.0 / (1.0 + (middle / force) ** (1.0 / slope)) if middle < math.inf else 0.0
-        if rng.random() < share:
+        fraction = 1.0 / (1.0 + (middle / force) ** (1.0 / slope)) if middle < math.inf else 0.0
+        if rng.random() < fraction:
             delay = float(rng.uniform(0.1, 0.25)) if touch.release - touch.onset > 0.3 else 0.1
-            events += told(
+            events += reported(
                 number,
                 touch.onset + delay,
                 touch.release + float(rng.uniform(0.02, 0.2)),
@@ -205,9 +205,9 @@ def _drawn(
         time = float(rng.uniform(1.0, seconds - 3.0))
         joint = joints[int(rng.integers(len(joints)))]
         limb = "trunk" if joint is None else "right_arm"
-        events += told(1000 + number, time, time + 0.5, limb, joint=joint)
+        events += reported(1000 + number, time, time + 0.5, limb, joint=joint)
     events.sort(key=lambda event: event.time)
-    return Hearing(
+    return ObserverRecord(
         events=tuple(events),
         torques=tuple(torques),
         threshold_deg={"LShoulderRoll": float(rng.uniform(0.8, 1.2)), "HeadYaw": 1.5},
@@ -215,7 +215,7 @@ def _drawn(
 
 
 def ours(summary: TouchSummary) -> ObserverSummary:
-    """The figures of the observer of the project."""
+    """The results of the observer of the project."""
     observer = summary.observer(OURS)
     assert observer is not None
     return observer

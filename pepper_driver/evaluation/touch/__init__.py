@@ -1,1 +1,1 @@
-"""The judge of touch: people touch simulated robots of a population, and observers are scored as a user hears them."""
+"""The judge of touch: people touch simulated robots of a population; observers are scored by the events they report."""

@@ -22,7 +22,7 @@ from pepper_driver.evaluation.touch.observers import (
 )
 from pepper_driver.evaluation.touch.records import RobotRecord, Take
 from pepper_driver.first_hour.bundle import Bundle, Part
-from pepper_driver.first_hour.state import Figure
+from pepper_driver.first_hour.state import ResultValue
 from pepper_driver.log import read_log
 from pepper_driver.observer import ModelSet
 from pepper_driver.recording.labels import pushes_of
@@ -69,7 +69,7 @@ class JudgedBundle:
     label: str
     begun: str
     pressed: dict[str, dict[str, int]]
-    earlier: dict[str, tuple[Mapping[str, Figure], ...]]
+    earlier: dict[str, tuple[Mapping[str, ResultValue], ...]]
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -80,7 +80,7 @@ class JudgedBundle:
         forces = (
             f"of {known} of them the force is known, by a spring scale: an N90 of few touches is a rough one"
             if known
-            else "of none of them the force is known, so there are shares and no N90"
+            else "of none of them the force is known, so there are fractions and no N90"
         )
         lines = [
             f"{name}: {kind}{f', {self.begun[:10]}' if self.begun else ''}. {len(touches)} labelled touches of "
@@ -102,10 +102,10 @@ class JudgedBundle:
         return tuple(lines)
 
 
-def _attempts(earlier: Sequence[Mapping[str, Figure]]) -> str:
+def _attempts(earlier: Sequence[Mapping[str, ResultValue]]) -> str:
     """Return in words what became of attempts that are not judged: else one could repeat until no contact is false."""
-    whole = [figures for figures in earlier if figures]
-    found = [str(figures["false_contacts"]) for figures in whole if "false_contacts" in figures]
+    whole = [results for results in earlier if results]
+    found = [str(results["false_contacts"]) for results in whole if "false_contacts" in results]
     parts = [f"{len(earlier) - len(whole)} before ended early"] if len(whole) < len(earlier) else []
     if whole:
         parts.append(f"{len(whole)} before made again")

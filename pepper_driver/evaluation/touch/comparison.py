@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pepper_driver.evaluation.touch.n90 import CONFIDENCE
-from pepper_driver.evaluation.touch.summary_data import ALL, ObserverSummary, RobotFigures
+from pepper_driver.evaluation.touch.summary_data import ALL, ObserverSummary, RobotResults
 
 RESAMPLES = 2000
 SEED = 23
@@ -30,13 +30,13 @@ class Paired:
     Attributes:
         law: Of the robots.
         robots: How many there are: identified, and judged for both.
-        felt: In the share of touches of the row of N90 that are felt; None without touches.
+        detected: In the fraction of touches of the row of N90 that are detected; None without touches.
         false_per_hour: In false contacts, begins and moves [1/h]; None without time.
     """
 
     law: str
     robots: int
-    felt: Difference | None
+    detected: Difference | None
     false_per_hour: Difference | None
 
 
@@ -51,7 +51,7 @@ def paired(ours: ObserverSummary, other: ObserverSummary, law: str = ALL) -> Pai
     return Paired(
         law=law,
         robots=len(pairs),
-        felt=_difference([(_felt(a), _felt(b)) for a, b in pairs]),
+        detected=_difference([(_detected(a), _detected(b)) for a, b in pairs]),
         false_per_hour=_difference([(_alarms(a), _alarms(b)) for a, b in pairs]),
     )
 
@@ -59,11 +59,11 @@ def paired(ours: ObserverSummary, other: ObserverSummary, law: str = ALL) -> Pai
 Ratio = tuple[float, float]
 
 
-def _felt(robot: RobotFigures) -> Ratio:
-    return robot.felt.count, robot.felt.of
+def _detected(robot: RobotResults) -> Ratio:
+    return robot.detected.count, robot.detected.of
 
 
-def _alarms(robot: RobotFigures) -> Ratio:
+def _alarms(robot: RobotResults) -> Ratio:
     return robot.false.events, robot.false.hours
 
 

@@ -34,13 +34,13 @@ def true_kinds(take: Take) -> tuple[Kind | None, ...]:
     - ``tap``, ``push`` or ``hold``: every other push, by its time. A second tap within MAX_TAP_PAUSE is a
       ``double tap``; a third one has no kind.
     - ``grip``: HANDSHAKE, where a hand pushes and pulls in turn.
-    - None: other hands that hold on, an object in the hand, a touch by an object of the world, a touch beside another
-      one on the same limb, a touch whose label has no end, and a time that is not clear.
+    - None: other hands that hold on, an object in the hand, a touch by an object of the world, a touch during
+      another one on the same limb, a touch whose label has no end, and a time that is not clear.
     """
     kinds: list[Kind | None] = []
     taps: dict[str, tuple[int, float]] = {}
     for number, touch in enumerate(take.touches):
-        kind = None if _beside_another(take.touches, number) else _kind(touch, take.end)
+        kind = None if _overlaps_another(take.touches, number) else _kind(touch, take.end)
         if kind == "tap":
             count, end = taps.get(touch.limb, (0, 0.0))
             count = count + 1 if touch.onset - end <= MAX_TAP_PAUSE else 1
@@ -50,7 +50,7 @@ def true_kinds(take: Take) -> tuple[Kind | None, ...]:
     return tuple(kinds)
 
 
-def _beside_another(touches: Sequence[Touched], number: int) -> bool:
+def _overlaps_another(touches: Sequence[Touched], number: int) -> bool:
     touch = touches[number]
     return any(
         other.limb == touch.limb and other.onset <= touch.release and other.release >= touch.onset

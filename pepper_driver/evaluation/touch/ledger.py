@@ -1,6 +1,6 @@
 """Ledger of the test split: each look at it is a line that is written when the look begins, and completed at its end.
 
-Figures that were chosen on the robots that they are measured on say nothing. So a look is taken only from a commit that
+Results on robots on which constants were chosen say nothing. So a look is taken only from a commit that
 anyone can go back to, and after a look that led to a change the next hundred of draws is used.
 """
 
@@ -55,7 +55,7 @@ class LedgerError(PepperError, ValueError):
 
 
 def code_hash() -> str:
-    """Return the hash of the files of this package that figures depend on, other than settings of the observers."""
+    """Return the hash of the files of this package that results depend on, other than settings of the observers."""
     return sources_hash(_APART)
 
 
@@ -73,8 +73,8 @@ def constants_hash() -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Figures:
-    """Main figures of a look; None where there is none.
+class MainResults:
+    """Main results of a look; None where one is not available.
 
     Attributes:
         false_contacts: Of the takes in which no one touches the robot.
@@ -116,7 +116,7 @@ class Look:
         draws: Of its robots, as :func:`parse_draws` takes them.
         state: ``begun`` until all robots are done.
         robots_done, robots: Those that are done, and all.
-        figures: Main figures.
+        results: Main results.
         note: Reason for the look, in one line.
     """
 
@@ -131,7 +131,7 @@ class Look:
     state: State = "begun"
     robots_done: int = 0
     robots: int
-    figures: Figures = field(default_factory=Figures)
+    results: MainResults = field(default_factory=MainResults)
     note: str = ""
 
     @property
@@ -179,7 +179,7 @@ def as_rows(looks: Sequence[Look]) -> list[dict[str, str]]:
 
 
 def look_folder(path: Path, look: int) -> Path:
-    """Return the folder for the results of a look, beside the ledger ``path``."""
+    """Return the folder for the results of a look, next to the ledger ``path``."""
     return path.parent / f"look-{look}"
 
 
@@ -218,7 +218,7 @@ def _parse(line: str) -> Look:
     if len(rows) != 1 or len(rows[0]) != len(COLUMNS):
         raise ValueError(f"{len(COLUMNS)} values are due")
     cells = dict(zip(COLUMNS, rows[0], strict=True))
-    figures = Figures(
+    results = MainResults(
         false_contacts=_optional(cells, "false_contacts", _count),
         **{name: _optional(cells, name, _reader(name)) for name in _NUMBERS},
     )
@@ -234,19 +234,19 @@ def _parse(line: str) -> Look:
         state=state,
         robots_done=_value(cells, "robots_done", _count),
         robots=_value(cells, "robots", _count),
-        figures=figures,
+        results=results,
         note=cells["note"],
     )
     if (look.ended is None) == (state == "complete"):
         raise ValueError("'ended' and 'state' contradict each other")
     if look.robots_done > look.robots or look.robots != len(look.numbers):
         raise ValueError("'robots' does not fit the draws, or fewer than are done")
-    if cells["false_per_hour"] != _cell(figures.false_per_hour):
+    if cells["false_per_hour"] != _cell(results.false_per_hour):
         raise ValueError("'false_per_hour' is not false contacts over hours")
     return look
 
 
-_NUMBERS = tuple(f.name for f in fields(Figures) if f.name != "false_contacts")
+_NUMBERS = tuple(f.name for f in fields(MainResults) if f.name != "false_contacts")
 
 
 def _value(cells: dict[str, str], name: str, read: Callable[[str], T]) -> T:
@@ -305,8 +305,8 @@ _BEYOND = f">{MAX_FORCE:g}"
 def _line(look: Look) -> str:
     """Return the line of a look, without its end."""
     values = {f.name: getattr(look, f.name) for f in fields(look)}
-    figures = {f.name: getattr(look.figures, f.name) for f in fields(Figures)}
-    values |= {**figures, "false_per_hour": look.figures.false_per_hour}
+    results = {f.name: getattr(look.results, f.name) for f in fields(MainResults)}
+    values |= {**results, "false_per_hour": look.results.false_per_hour}
     text = io.StringIO()
     csv.writer(text, lineterminator="").writerow(_cell(values[name]) for name in COLUMNS)
     line = text.getvalue()
@@ -331,13 +331,13 @@ def _cell(value: object) -> str:
     return str(value)
 
 
-def _rounded(figures: Figures) -> Figures:
-    """Return figures with the digits that the ledger has."""
+def _rounded(results: MainResults) -> MainResults:
+    """Return results with the digits that the ledger has."""
     rounded: dict[str, Any] = {}
     for name in _NUMBERS:
-        value = getattr(figures, name)
+        value = getattr(results, name)
         rounded[name] = value if value in (None, math.inf) else float(f"{value:.4g}")
-    return replace(figures, **rounded)
+    return replace(results, **rounded)
 
 
 # -- looks ------------------------------------------------------------------------------------------------------------
@@ -452,14 +452,19 @@ def update_look(path: Path, look: int, *, robots_done: int) -> Look:
 
 
 def complete_look(
-    path: Path, look: int, figures: Figures, *, note: str | None = None, now: datetime | None = None
+    path: Path,
+    look: int,
+    results: MainResults,
+    *,
+    note: str | None = None,
+    now: datetime | None = None,
 ) -> Look:
     """Complete the line of a look of which all robots are done, also those that failed; no other line is changed.
 
     Args:
         path: The ledger.
         look: Its number.
-        figures: Main figures; the ledger keeps four digits.
+        results: Main results; the ledger keeps four digits.
         note: In place of the present one; None to leave that.
         now: Time of its end; None for the present.
 
@@ -475,7 +480,7 @@ def complete_look(
             state="complete",
             ended=_seconds(now),
             robots_done=before.robots,
-            figures=_rounded(figures),
+            results=_rounded(results),
             note=before.note if note is None else note,
         )
 

@@ -18,7 +18,7 @@ from pepper_driver.evaluation.episodes import Episode
 from pepper_driver.evaluation.evaluate import episode_of_log
 from pepper_driver.evaluation.observers_under_test import ObserversUnderTest
 from pepper_driver.evaluation.touch.observers import watch_all
-from pepper_driver.evaluation.touch.records import LOG, Hearing, RobotRecord, Take, Touched
+from pepper_driver.evaluation.touch.records import LOG, ObserverRecord, RobotRecord, Take, Touched
 from pepper_driver.observer import KnownPush, Observer
 
 ELSEWHERE = "elsewhere"
@@ -106,14 +106,14 @@ def take_of(
         _touched(push, episode, robot, suites) for push in sorted(episode.pushes, key=_onset)
     )
     made: dict[str, Observer] = {}
-    failed: dict[str, Hearing] = {}
+    failed: dict[str, ObserverRecord] = {}
     for mode, make in observers.items():
         try:
             made[mode] = make()
         except PepperError as error:
-            failed[mode] = Hearing(failure=reason_of(error))
+            failed[mode] = ObserverRecord(failure=reason_of(error))
     known = bool(np.isfinite(episode.contact_torque).all())
-    heard = watch_all(
+    reported = watch_all(
         made,
         recording,
         touches,
@@ -130,7 +130,7 @@ def take_of(
         start=float(recording.time[0]),
         end=float(recording.time[-1]),
         touches=touches,
-        hearings={mode: {**heard, **failed}[mode] for mode in observers},
+        hearings={mode: {**reported, **failed}[mode] for mode in observers},
     )
 
 

@@ -26,7 +26,7 @@ from pepper_driver.evaluation.touch.ledger import (
 )
 from pepper_driver.evaluation.touch.records import RobotRecord, load_robot_record
 from pepper_driver.evaluation.touch.split import Judging, Progress, judge
-from pepper_driver.evaluation.touch.summary import main_figures
+from pepper_driver.evaluation.touch.summary import main_results
 
 NOTHING = "nothing yet"
 """Begin of ``chosen_on`` in ``evaluation_baselines.yaml`` before the factors are chosen."""
@@ -68,7 +68,7 @@ def take_look(
     """Look at the test split, or resume a look that was interrupted.
 
     Args:
-        judging: Rules; its ``records`` are put beside the ledger.
+        judging: Rules; its ``records`` are put next to the ledger.
         root: Folder of the repository.
         note: Reason for the look.
         give_up: True to give up an unfinished look, and its draws.
@@ -88,7 +88,7 @@ def take_look(
     ledger = root / LEDGER
     check_chosen()
     own = (ledger, *(look_folder(ledger, n) for n in range(1, len(read_ledger(ledger)) + 2)))
-    # Locks lie beside what they lock.
+    # Locks lie next to the files that they lock.
     allowed = [*own, *(path.with_name(f".{path.name}.lock") for path in own)]
     commit = check_clean(root, allowed)
     check_whole(root, ledger)
@@ -118,7 +118,7 @@ def take_look(
             progress=progress,
             kept=kept,
         )
-    return complete_look(ledger, look.look, main_figures(records)), records
+    return complete_look(ledger, look.look, main_results(records)), records
 
 
 def check_chosen() -> None:
@@ -143,7 +143,7 @@ def last_look(root: Path) -> tuple[Look, tuple[RobotRecord, ...]]:
     """
     ledger = read_ledger(root / LEDGER)
     if not ledger:
-        raise LedgerError(f"{root / LEDGER}: nobody has looked at the test split yet")
+        raise LedgerError(f"{root / LEDGER}: there was no look at the test split yet")
     return ledger[-1], records_of_look(root, ledger[-1])
 
 

@@ -46,7 +46,7 @@ POSTURE = {
 }
 """[rad] Arms away from the body, so that no place hides another."""
 
-LIGHTEST, STRONGEST = 2.0, 30.0
+MIN_COLOUR_FORCE, MAX_COLOUR_FORCE = 2.0, 30.0
 """[N] Ends of the colours."""
 
 TICKS = (2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 30.0)
@@ -100,7 +100,7 @@ _NAMES: dict[str, tuple[str, tuple[float, float, float], tuple[float, float]]] =
     "hip": ("Pelvis", (0.0, -0.1, 0.16), (-0.03, 0.0)),
     "base": ("Tibia", (0.0, -0.16, -0.15), (-0.03, 0.0)),
 }
-"""Link, point [m] and way from it in the picture [m] where the name of a place ends: beside its right side."""
+"""Link, point [m] and way from it in the picture [m] where the name of a place ends: next to its right side."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -153,7 +153,7 @@ def n90_figure(
                 )
         panels[row, 0].set_ylabel(law_in_words(law), fontsize=TITLE_SIZE, labelpad=8.0)
     figure.suptitle(
-        f"N90: force in newtons of which nine touches in ten are felt{', in simulation' * simulated}\n"
+        f"N90: force in newtons at which nine touches in ten are detected{', in simulation' * simulated}\n"
         "touches of 1 s from all sides; both arms count as one; small is good",
         fontsize=TITLE_SIZE,
     )
@@ -167,7 +167,7 @@ def _colours() -> tuple[Colormap, LogNorm]:
 
     # Without its darkest part, on which an outline is not seen.
     colours = mpl.colormaps["viridis_r"](np.linspace(0.0, 0.88, 256))
-    return ListedColormap(colours), LogNorm(LIGHTEST, STRONGEST, clip=True)
+    return ListedColormap(colours), LogNorm(MIN_COLOUR_FORCE, MAX_COLOUR_FORCE, clip=True)
 
 
 def _draw(
@@ -258,7 +258,7 @@ def _legend(figure: Figure, panels: Sequence[Axes], colours: Colormap, norm: Log
     )
     bar.ax.set_xticklabels([f"{tick:g}" for tick in TICKS])
     bar.ax.minorticks_off()
-    bar.set_label("N90 [N], light touches are felt at the left end")
+    bar.set_label("N90 [N], light touches are detected at the left end")
     figure.legend(
         handles=[
             Patch(

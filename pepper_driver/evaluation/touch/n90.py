@@ -1,4 +1,4 @@
-"""N90: the force of which nine touches in ten are felt, with its interval; recall by force; intervals of rates."""
+"""N90: the force at which nine touches in ten are detected, with its interval; recall by force; intervals of rates."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from pepper_driver.config.errors import ArgumentError
 CONFIDENCE = 0.95
 """Of all intervals."""
 
-SHARE = 0.9
-"""Share of touches that are felt at N90."""
+N90_FRACTION = 0.9
+"""Fraction of touches that are detected at N90."""
 
 MAX_FORCE = 30.0
 """[N] Touches of people end here; a larger N90 is none."""
 
 MIDDLES = np.exp(np.linspace(math.log(0.5), math.log(200.0), 154))
-"""[N] Forces at which half of the touches without a lapse are felt; a step is 4 %."""
+"""[N] Forces at which half of the touches without a lapse are detected; a step is 4 %."""
 
 SLOPES = (0.05, 0.08, 0.12, 0.2, 0.3, 0.45, 0.7, 1.0)
 """Widths of the curve in ln force."""
 
 LAPSES = (0.0, 0.01, 0.02, 0.05, 0.08, 0.15, 0.25, 0.4)
-"""Shares of touches that are not felt at any force."""
+"""Fractions of touches that are not detected at any force."""
 
 LAPSE_PRIOR = 10.0
-"""Few touches do not tell a lapse rate from a flat curve. It counts as if so many more touches, of any strength, had
-been felt: a rate of a tenth then costs one unit of log likelihood, which a hundred touches outweigh."""
+"""Few touches do not separate a lapse rate from a flat curve. It counts as if so many more touches, of any strength,
+had been detected: a rate of a tenth then costs one unit of log likelihood, which a hundred touches outweigh."""
 
 RESAMPLES = 400
 SEED = 90
@@ -42,16 +42,16 @@ TIE = 1e-6
 
 
 class ForceTouch(NamedTuple):
-    """One touch: its force [N], whether it was felt, the name of its robot."""
+    """One touch: its force [N], True if it was detected, the name of its robot."""
 
     force: float
-    felt: bool
+    detected: bool
     robot: str
 
 
 @dataclass(frozen=True, kw_only=True)
 class N90:
-    """Force of which SHARE of the touches are felt.
+    """Force at which the fraction N90_FRACTION of the touches is detected.
 
     Attributes:
         newtons: The force [N]; infinite where it is not reached until MAX_FORCE.
@@ -59,9 +59,9 @@ class N90:
         worst: Largest N90 of one robot, with the slope and the lapse rate of all [N].
         worst_robot: Name of that robot.
         touches, robots: How many there are.
-        lapse: Share of touches that are not felt at any force.
+        lapse: Fraction of touches that are not detected at any force.
         slope: Width of the curve in ln force.
-        least, most: Smallest and largest force of the touches [N].
+        min_force, max_force: Smallest and largest force of the touches [N].
         below: True if it is less than the smallest force; ``newtons`` is then that force.
     """
 
@@ -74,15 +74,15 @@ class N90:
     robots: int
     lapse: float
     slope: float
-    least: float
-    most: float
+    min_force: float
+    max_force: float
     below: bool
 
     @property
     def text(self) -> str:
         """As ``7.4 (6.1-9.0)``, ``< 2`` or ``> 30``; ``> 13`` where no touch was stronger than 13 N."""
         if self.below:
-            return f"< {self.least:.3g}"
+            return f"< {self.min_force:.3g}"
         if self.low is None or self.high is None or math.isinf(self.newtons):
             return self._newtons(self.newtons)
         to = " to " if math.isinf(self.high) else "-"
@@ -95,24 +95,24 @@ class N90:
 
     def _newtons(self, value: float) -> str:
         if math.isinf(value):
-            return f"> {min(self.most, MAX_FORCE):.3g}"
+            return f"> {min(self.max_force, MAX_FORCE):.3g}"
         return f"{value:.1f}" if value < 10.0 else f"{value:.0f}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ForceRecall:
-    """Touches of one force [N]: how many were felt, of how many, and the interval of the share."""
+    """Touches of one force [N]: how many were detected, of how many, and the interval of the fraction."""
 
     force: float
-    felt: int
+    detected: int
     of: int
     low: float
     high: float
 
     @property
-    def share(self) -> float:
-        """Share that was felt."""
-        return self.felt / self.of
+    def fraction(self) -> float:
+        """Fraction that was detected."""
+        return self.detected / self.of
 
 
 def n90(
@@ -121,11 +121,11 @@ def n90(
     slopes: Sequence[float] = SLOPES,
     lapses: Sequence[float] = LAPSES,
 ) -> N90:
-    """Fit P(felt | F) = (1 - lapse) / (1 + exp(-(ln F - ln middle) / slope)) and return the force where it is SHARE.
+    """Fit P(detected | F) = (1 - lapse) / (1 + exp(-(ln F - ln middle) / slope)); return the force of N90_FRACTION.
 
     The likelihood is largest on a fixed grid, so the same touches give the same result in any order and on any
-    machine. Of equally likely curves that with the largest N90 counts: touches that do not tell two curves apart must
-    not make an observer look better. Nothing is told of forces below the smallest one.
+    machine. Of equally likely curves that with the largest N90 counts: touches that do not separate two curves must not
+    make an observer look better. Nothing is known of forces below the smallest one.
 
     Args:
         touches: At least one; all forces above 0.
@@ -153,7 +153,7 @@ def n90(
     low, high = _interval(curves, likely, forces[0])
     alike = np.flatnonzero((curves[:, 1] == slope) & (curves[:, 2] == lapse))
     own = alike[_most_likely(likely[:, alike])]
-    # Where the lapse rate lets no robot reach SHARE, the middle of the curve tells the worst one.
+    # Where the lapse rate lets no robot reach N90_FRACTION, the middle of the curve decides which is the worst one.
     worst = int(np.argmax(curves[own, 0]))
     return N90(
         newtons=newtons,
@@ -165,22 +165,22 @@ def n90(
         robots=len(robots),
         lapse=lapse,
         slope=slope,
-        least=forces[0],
-        most=forces[-1],
+        min_force=forces[0],
+        max_force=forces[-1],
         below=found < forces[0],
     )
 
 
 def recall_by_force(touches: Iterable[ForceTouch]) -> tuple[ForceRecall, ...]:
-    """Return the share of touches that were felt by their force, from the smallest force up."""
+    """Return the fraction of touches that were detected by their force, from the smallest force up."""
     groups: dict[float, list[bool]] = {}
     for touch in touches:
-        groups.setdefault(touch.force, []).append(touch.felt)
+        groups.setdefault(touch.force, []).append(touch.detected)
     rows = []
     for force, answers in sorted(groups.items()):
         low, high = wilson_interval(sum(answers), len(answers))
         rows.append(
-            ForceRecall(force=force, felt=sum(answers), of=len(answers), low=low, high=high)
+            ForceRecall(force=force, detected=sum(answers), of=len(answers), low=low, high=high)
         )
     return tuple(rows)
 
@@ -216,8 +216,8 @@ def _log_likelihood(
     """Curves (n, 4) with middle, slope, lapse, N90; log likelihood (robots, n) of the touches of each robot."""
     grid = np.meshgrid(MIDDLES, slopes, lapses, indexing="ij")
     middle, slope, lapse = (axis.ravel() for axis in grid)
-    reached = SHARE / (1.0 - lapse)
-    # A curve with a larger lapse rate ends below SHARE.
+    reached = N90_FRACTION / (1.0 - lapse)
+    # A curve with a larger lapse rate ends below N90_FRACTION.
     odds = np.where(reached < 1.0, reached / np.where(reached < 1.0, 1.0 - reached, 1.0), np.inf)
     value = middle * odds**slope
     value[value > MAX_FORCE] = np.inf
@@ -226,15 +226,15 @@ def _log_likelihood(
     log_curve = -np.logaddexp(0.0, -z)
     with np.errstate(divide="ignore"):
         log_lapse = np.log(lapse)[:, None]
-    log_felt = np.log1p(-lapse)[:, None] + log_curve
+    log_detected = np.log1p(-lapse)[:, None] + log_curve
     log_missed = np.logaddexp(-np.logaddexp(0.0, z), log_lapse + log_curve)
 
-    felt, missed = np.zeros((2, len(robots), len(forces)))
+    detected, missed = np.zeros((2, len(robots), len(forces)))
     row = {name: n for n, name in enumerate(robots)}
     column = {force: n for n, force in enumerate(forces)}
     for touch in touches:
-        (felt if touch.felt else missed)[row[touch.robot], column[touch.force]] += 1.0
-    likely = felt @ log_felt.T + missed @ log_missed.T
+        (detected if touch.detected else missed)[row[touch.robot], column[touch.force]] += 1.0
+    likely = detected @ log_detected.T + missed @ log_missed.T
     likely += LAPSE_PRIOR / len(robots) * np.log1p(-lapse)
     return np.stack((middle, slope, lapse, value), axis=1), likely
 
@@ -248,13 +248,13 @@ def _most_likely(likely: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.intp]
 
 
 def _interval(
-    curves: FloatArray, likely: FloatArray, least: float
+    curves: FloatArray, likely: FloatArray, min_force: float
 ) -> tuple[float, float] | tuple[None, None]:
     count = len(likely)
     if count < 2:
         return None, None
     draws = np.random.default_rng(SEED).multinomial(count, np.full(count, 1.0 / count), RESAMPLES)
-    values = np.sort(np.maximum(curves[_most_likely(draws @ likely), 3], least))
+    values = np.sort(np.maximum(curves[_most_likely(draws @ likely), 3], min_force))
     # Ranks, not interpolation: some of the values may be infinite.
     out = math.floor((1.0 - CONFIDENCE) / 2.0 * RESAMPLES)
     return float(values[out]), float(values[RESAMPLES - 1 - out])

@@ -36,11 +36,11 @@ from pepper_driver.evaluation.quiet import quiet
 from pepper_driver.evaluation.touch.records import (
     MIN_RISE,
     ForceEstimate,
-    Hearing,
+    ObserverRecord,
     TorqueEstimate,
     Touched,
 )
-from pepper_driver.evaluation.touch.scoring import heard
+from pepper_driver.evaluation.touch.scoring import reported_events
 from pepper_driver.observer import (
     CartTree,
     Contact,
@@ -265,7 +265,7 @@ def _changed(models: ModelSet, change: Callable[[FusionModel], FusionModel]) -> 
 # -- watching ---------------------------------------------------------------------------------------------------------
 
 AFTER_TOUCH = 0.8
-"""[s] after a release in which thresholds are not those of a robot that nobody touches."""
+"""[s] after a release in which thresholds are not those of an untouched robot."""
 
 THRESHOLD_STRIDE = 25
 """One tick in so many is kept of the thresholds: 0.3 s, as long as a threshold stays raised."""
@@ -281,7 +281,7 @@ MIN_ROWS = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Wanted:
+class _Selection:
     """Ticks and joints of a take that are kept of each observer.
 
     Attributes:
@@ -304,12 +304,12 @@ class _Wanted:
 class _Listener:
     """Results of one observer, tick by tick."""
 
-    def __init__(self, observer: Observer, joints: int, wanted: _Wanted) -> None:
-        self._observer, self._wanted = observer, wanted
+    def __init__(self, observer: Observer, joints: int, selection: _Selection) -> None:
+        self._observer, self._selection = observer, selection
         self._contacts: list[Contact] = []
-        self._threshold = np.empty((len(wanted.untouched), joints))
-        self._sums = np.zeros((len(wanted.joints), 2))
-        self._counts = np.zeros(len(wanted.joints), dtype=np.int64)
+        self._threshold = np.empty((len(selection.untouched), joints))
+        self._sums = np.zeros((len(selection.joints), 2))
+        self._counts = np.zeros(len(selection.joints), dtype=np.int64)
         self._forces: dict[int, ForceEstimate] = {}
         self.failure = ""
 
@@ -336,13 +336,13 @@ class _Listener:
         self._contacts.extend(replace(contact, time=now) for contact in observation.contacts)
         for contact in observation.contacts:
             self._keep_force(contact, now)
-        if (place := self._wanted.place.get(row)) is not None:
+        if (place := self._selection.place.get(row)) is not None:
             self._threshold[place] = observation.threshold
-        for plateau in self._wanted.plateaus.get(row, ()):
-            joint = self._wanted.joints[plateau][2]
+        for plateau in self._selection.plateaus.get(row, ()):
+            joint = self._selection.joints[plateau][2]
             estimate = observation.torque[joint]
-            if np.isfinite(estimate) and self._wanted.true is not None:
-                self._sums[plateau] += self._wanted.true[row, joint], estimate
+            if np.isfinite(estimate) and self._selection.true is not None:
+                self._sums[plateau] += self._selection.true[row, joint], estimate
                 self._counts[plateau] += 1
 
     def _keep_force(self, contact: Contact, now: float) -> None:
@@ -350,7 +350,7 @@ class _Listener:
         size, interval = contact.force_size, contact.force_interval
         if contact.phase == "end" or size is None or interval is None:
             return
-        for touch, onset, fading, force in self._wanted.pushes.get(contact.limb, ()):
+        for touch, onset, fading, force in self._selection.pushes.get(contact.limb, ()):
             if onset <= now <= fading:
                 self._forces[touch] = ForceEstimate(
                     touch=touch,
@@ -361,23 +361,23 @@ class _Listener:
                     scale_known=bool(contact.scale_known),
                 )
 
-    def hearing(self, robot: RobotConfig) -> Hearing:
+    def record(self, robot: RobotConfig) -> ObserverRecord:
         """Return what the observer reported; only its failure if it failed."""
-        found: list[Hearing] = []
+        found: list[ObserverRecord] = []
         if not self.failure:
-            self._guard(lambda: found.append(self._hearing(robot)))
-        return found[0] if found else Hearing(failure=self.failure)
+            self._guard(lambda: found.append(self._record(robot)))
+        return found[0] if found else ObserverRecord(failure=self.failure)
 
-    def _hearing(self, robot: RobotConfig) -> Hearing:
+    def _record(self, robot: RobotConfig) -> ObserverRecord:
         torques = [
             TorqueEstimate(touch=touch, joint=joint, true=true / count, estimate=estimate / count)
             for (touch, joint, _), (true, estimate), count in zip(
-                self._wanted.joints, self._sums.tolist(), self._counts.tolist(), strict=True
+                self._selection.joints, self._sums.tolist(), self._counts.tolist(), strict=True
             )
             if count >= MIN_ROWS
         ]
-        return Hearing(
-            events=heard(self._contacts),
+        return ObserverRecord(
+            events=reported_events(self._contacts),
             torques=tuple(torques),
             forces=tuple(self._forces[touch] for touch in sorted(self._forces)),
             threshold_deg=self._medians(robot),
@@ -401,12 +401,12 @@ def watch_all(
     *,
     true_torque: FloatArray | None = None,
     warn: bool = False,
-) -> dict[str, Hearing]:
+) -> dict[str, ObserverRecord]:
     """Reset the observers, and show them all each tick of a take, once.
 
     Torques are means over the plateau of a touch: from PLATEAU_MARGIN after its rise until its fall begins, which is
     taken to last as long as the rise. Forces are those of the last event on the limb of a touch before its fall begins:
-    what a program knows then.
+    a program has these then.
 
     Args:
         observers: By name.
@@ -428,9 +428,9 @@ def watch_all(
         raise ArgumentError(
             f"true torques of shape {true_torque.shape} for a recording of {recording.position.shape}"
         )
-    wanted = _wanted(recording, touches, robot, true_torque)
+    selection = _select(recording, touches, robot, true_torque)
     listeners = {
-        name: _Listener(observer, len(robot.joint_names), wanted)
+        name: _Listener(observer, len(robot.joint_names), selection)
         for name, observer in observers.items()
     }
     with nullcontext() if warn else quiet("pepper_driver.observer"):
@@ -439,15 +439,15 @@ def watch_all(
         for row, tick in enumerate(recording.ticks()):
             for listener in listeners.values():
                 listener.step(row, tick)
-    return {name: listener.hearing(robot) for name, listener in listeners.items()}
+    return {name: listener.record(robot) for name, listener in listeners.items()}
 
 
-def _wanted(
+def _select(
     recording: Recording,
     touches: Sequence[Touched],
     robot: RobotConfig,
     true_torque: FloatArray | None,
-) -> _Wanted:
+) -> _Selection:
     time = recording.time
     touched = np.zeros(len(time), dtype=np.bool_)
     joints: list[tuple[int, str, int]] = []
@@ -469,7 +469,7 @@ def _wanted(
                 for row in rows:
                     plateaus[row] = (*plateaus.get(row, ()), len(joints) - 1)
     untouched = np.flatnonzero(~touched)[::THRESHOLD_STRIDE]
-    return _Wanted(
+    return _Selection(
         untouched=untouched,
         place={row: place for place, row in enumerate(untouched.tolist())},
         joints=tuple(joints),

@@ -1,4 +1,4 @@
-"""Page of results of the judge of touch, as Markdown: from figures that are ready, without reading or writing."""
+"""Page of results of the judge of touch, as Markdown: from results that are ready, without reading or writing."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pepper_driver.evaluation.touch.n90 import MAX_FORCE
 from pepper_driver.evaluation.touch.observers import ABLATIONS, FUSION
 from pepper_driver.evaluation.touch.scoring import (
     AFTER_RELEASE,
-    FELT_GRACE,
+    DETECTION_GRACE,
     REBOUND_TIME,
 )
 from pepper_driver.evaluation.touch.summary import LOWERED
@@ -36,14 +36,14 @@ from pepper_driver.evaluation.touch.summary_data import (
     Delays,
     Ends,
     FalseContacts,
+    ForceFraction,
     Forces,
-    ForceShare,
+    Fraction,
     Located,
     ObserverSummary,
     Quantiles,
     Rate,
-    RowShare,
-    Share,
+    RowFraction,
     Suite,
     Torques,
     TouchSummary,
@@ -61,34 +61,36 @@ SUITES: dict[Suite, str] = {
     "touch": "people touch it",
     ALL: "together",
 }
-"""By name of a suite, its name for people."""
+"""By name of a suite, its human-readable name."""
 
 _DIGEST = 10
 """Characters of a hash on the page."""
 
 RULES = (
-    "Each begin of a contact, and each move of one to another limb or joint, is heard by a program. It is *right* from "
-    f"the onset of a touch on its limb to {FELT_GRACE:g} s after the release, a *rebound* if it calls itself one and "
-    f"comes until {REBOUND_TIME:g} s after a release on its limb, and *false* otherwise: on another limb, on the "
+    "A program receives each begin of a contact, and each move of one to another limb or joint. It is *right* from "
+    f"the onset of a touch on its limb to {DETECTION_GRACE:g} s after the release, a *rebound* if it calls itself one "
+    f"and comes until {REBOUND_TIME:g} s after a release on its limb, and *false* otherwise: on another limb, on the "
     "trunk, after a release, in place of a rebound.",
-    "A touch is *felt* by the first right begin on its limb, or the first contact that moves there; one such event "
-    "tells one touch. Hours are those in which a contact could have been false, a mean over the limbs.",
-    "*N90* is the force of which nine touches in ten are felt: a logistic curve in the logarithm of the force, with a "
-    "share of touches that no force makes felt, is fitted to touches of 1 s (rise 0.1 s) from all sides, without those "
-    "along the axis of the limb. Robots of one law are pooled. Of equally likely curves the one with the largest N90 "
-    "counts. In brackets a 95 % interval by bootstrap over robots; *worst* is the N90 of the worst robot.",
+    "The first right begin on its limb, or the first contact that moves there, *detects* a touch; one such event "
+    "detects one touch. Hours are those in which a contact could have been false, a mean over the limbs.",
+    "*N90* is the force at which nine touches in ten are detected: a logistic curve in the logarithm of the force, "
+    "with a fraction of touches that are not detected at any force, is fitted to touches of 1 s (rise 0.1 s) from all "
+    "sides, without those along the axis of the limb. Robots of one law are pooled. Of equally likely curves the one "
+    "with the largest N90 counts. In brackets a 95 % interval by bootstrap over robots; *worst* is the N90 of the "
+    "worst robot.",
     "Forces are those that acted: a touch that would tip the robot is planned lower, and counts as what it is.",
-    "The *friction bound* of a touch is the least over the joints of its limb of 2 F / |J^T u|: friction may hide a "
+    "The *friction bound* of a touch is the minimum over the joints of its limb of 2 F / |J^T u|: friction may hide a "
     "smaller force from a limb at rest, whatever the observer. The tables have its median.",
-    f"The *joint* is right if it has at least {JOINT_SHARE:g} of the largest torque on the joints of the limb; beside "
-    "it the stricter rule: it has the largest. Limb, joint and direction are of touches of the row `even`.",
+    f"The *joint* is right if it has at least {JOINT_SHARE:g} of the largest torque on the joints of the limb; a "
+    "stricter rule has its own row: the joint has the largest. Limb, joint and direction are of touches of the row "
+    "`even`.",
     f"Delays count from the onset where the force rises within {1e3 * FAST_RISE:.0f} ms; for slower touches from the "
     "moment at which the force passes the N90 of its law, place and state, and only where it passes it. A negative "
-    "delay is a touch that was felt before.",
-    f"*Force* is of felt pushes of {STRONG_FORCE:g} N and more at hand and forearm, as it was reported last before the "
-    "push faded, against the largest that acted. A push without a reported force counts as wrong.",
-    "Touches of a robot whose identification failed are not felt. Shares have Wilson's 95 % interval, rates the exact "
-    "Poisson one.",
+    "delay is a touch that was detected before.",
+    f"*Force* is of detected pushes of {STRONG_FORCE:g} N and more at hand and forearm, as it was reported last before "
+    "the push faded, against the largest that acted. A push without a reported force counts as wrong.",
+    "Touches of a robot whose identification failed are not detected. Fractions have Wilson's 95 % interval, rates the "
+    "exact Poisson one.",
 )
 """Scoring in short."""
 
@@ -101,20 +103,20 @@ def touch_page(
     looks: int | None = None,
     development: bool = False,
     simulated: bool = True,
-    beside: Beside | None = None,
+    simulated_robots: SimulatedRobots | None = None,
     ours: str = FUSION,
 ) -> list[str]:
     """Return the sections of the page.
 
     Args:
-        summary: All figures.
+        summary: All results.
         pictures: Caption of each picture by its path, as
             :func:`pepper_driver.evaluation.touch.recall.write_touch_pictures` names them.
         ledger: Lines of the ledger, by column.
         looks: Number of looks at the test split so far; None for the number of lines.
         development: True for robots of the development split.
         simulated: False for real robots.
-        beside: Simulated robots whose figures stand beside these; None for none.
+        simulated_robots: Those whose results are compared with these; None for none.
         ours: Name of the project's own observer.
     """
     observer = summary.observer(ours)
@@ -123,11 +125,11 @@ def touch_page(
         parts += section("Touch", f"The observer `{ours}` was judged on no robot.")
     else:
         parts += headline(summary, observer)
-        if beside is not None:
-            parts += beside_table(summary, observer, beside, ours)
+        if simulated_robots is not None:
+            parts += comparison_table(summary, observer, simulated_robots, ours)
         parts += pictures_of(pictures)
         parts += n90_table(summary, observer)
-        parts += felt_table(summary, observer)
+        parts += detection_table(summary, observer)
         parts += recall_table(summary, observer)
         parts += rows_table(summary, observer)
         parts += kinds_table(observer)
@@ -146,7 +148,7 @@ def touch_page(
 
 
 def headline(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
-    """Write the first section: N90 by place and group of states, and the other main figures by law."""
+    """Write the first section: N90 by place and group of states, and the other main results by law."""
     laws = summary.laws
     rows = []
     for place in HEADLINE_PLACES:
@@ -154,11 +156,11 @@ def headline(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
             cells = [observer.group(law, place, group) for group in GROUPS]
             if any(cell is not None for cell in cells):
                 rows.append([f"{place}, `{law}`", *(_n90_and_worst(cell) for cell in cells)])
-    figures = table(
-        ("figure", *(f"`{law}`" for law in laws), *(("all robots",) if len(laws) > 1 else ())),
+    results = table(
+        ("result", *(f"`{law}`" for law in laws), *(("all robots",) if len(laws) > 1 else ())),
         [
             [name, *(value(law) for law in (*laws, *((ALL,) if len(laws) > 1 else ())))]
-            for name, value in _figures(observer).items()
+            for name, value in _results(observer).items()
         ],
     )
     about = "; ".join(f"`{law}`: {law_in_words(law).split(chr(10))[0]}" for law in laws)
@@ -166,7 +168,7 @@ def headline(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
         "Touch at a glance",
         f"Observer `{observer.name}`, {_robots(summary)}; {about}.",
         table(("N90 [N]", *GROUPS), rows),
-        figures,
+        results,
     )
 
 
@@ -175,7 +177,7 @@ def _robots(summary: TouchSummary) -> str:
         f"{sum(robot.law == law for robot in summary.robots)} of `{law}`" for law in summary.laws
     ]
     failed = sum(bool(robot.failure) for robot in summary.robots)
-    bad = f", {failed} of them could not be identified: none of their touches is felt"
+    bad = f", {failed} of them could not be identified: none of their touches is detected"
     hours = sum(robot.hours for robot in summary.robots)
     named = f" ({', '.join(counts)})" if counts else ""
     return f"{len(summary.robots)} robots{named}{bad if failed else ''}, {hours:.1f} hours in all"
@@ -197,16 +199,16 @@ L = TypeVar("L", bound=_OfLaw)
 
 
 def _of(items: Sequence[L], get: Callable[[L], str]) -> Callable[[str], str]:
-    """Return the function that writes a figure of a law."""
+    """Return the function that writes a result of a law."""
     found = {item.law: item for item in items}
     return lambda law: get(found[law]) if law in found else "-"
 
 
-def _figures(observer: ObserverSummary) -> dict[str, Callable[[str], str]]:
-    """By name of a figure, the function that writes it for a law."""
+def _results(observer: ObserverSummary) -> dict[str, Callable[[str], str]]:
+    """By name of a result, the function that writes it for a law."""
 
-    def located(get: Callable[[Located], Share]) -> Callable[[str], str]:
-        return _of(observer.located, lambda one: share_text(get(one)))
+    def located(get: Callable[[Located], Fraction]) -> Callable[[str], str]:
+        return _of(observer.located, lambda one: fraction_text(get(one)))
 
     def delay(get: Callable[[Delays], Quantiles]) -> Callable[[str], str]:
         return _of(observer.delays, lambda one: delay_text(get(one)))
@@ -223,10 +225,12 @@ def _figures(observer: ObserverSummary) -> dict[str, Callable[[str], str]]:
         "the same, people touch": false("touch", _rate),
         "the same, together": false(ALL, _rate),
         "the same, worst robot": lambda law: _worst_false(observer, law),
-        "seconds an hour in contacts that are none; share of time": false(ALL, _idle),
-        "touches of row `even` that are felt": lambda law: share_text(observer.felt(law)),
-        "the same, of limbs at rest": _of(observer.motion, lambda one: share_text(one.rest)),
-        "the same, of limbs in motion": _of(observer.motion, lambda one: share_text(one.moving)),
+        "seconds an hour in contacts that are none; fraction of time": false(ALL, _idle),
+        "touches of row `even` that are detected": lambda law: fraction_text(
+            observer.detected(law)
+        ),
+        "the same, of limbs at rest": _of(observer.motion, lambda one: fraction_text(one.rest)),
+        "the same, of limbs in motion": _of(observer.motion, lambda one: fraction_text(one.moving)),
         f"delay, rises up to {1e3 * FAST_RISE:.0f} ms, from the onset": delay(lambda one: one.fast),
         "delay, slower rises, from passing N90": delay(lambda one: one.slow),
         f"delay, {STRONG:g} times N90 and more": delay(lambda one: one.strong),
@@ -240,17 +244,17 @@ def _figures(observer: ObserverSummary) -> dict[str, Callable[[str], str]]:
         "direction right 150 ms later": located(lambda one: one.direction_later),
         "end of the contact after the release": _of(observer.ends, _end),
         "torque on turned joints: RMSE; R2": _of(observer.torques, _torque),
-        **_force_figures(observer),
+        **_force_results(observer),
     }
 
 
-def _force_figures(observer: ObserverSummary) -> dict[str, Callable[[str], str]]:
-    """By name of a figure of the forces at hand and forearm, the function that writes it for a law."""
+def _force_results(observer: ObserverSummary) -> dict[str, Callable[[str], str]]:
+    """By name of a result of the forces at hand and forearm, the function that writes it for a law."""
 
-    def forces(state: str, get: Callable[[Forces], Share]) -> Callable[[str], str]:
+    def forces(state: str, get: Callable[[Forces], Fraction]) -> Callable[[str], str]:
         def text(law: str) -> str:
             found = observer.force(law, state=state)
-            return "-" if found is None else share_text(get(found))
+            return "-" if found is None else fraction_text(get(found))
 
         return text
 
@@ -274,18 +278,18 @@ def _worst_false(observer: ObserverSummary, law: str) -> str:
     if not rates:
         return "-"
     worst, name = max(rates, key=lambda rate: rate[0])
-    return f"{figure(worst)} ({name})"
+    return f"{short_number(worst)} ({name})"
 
 
 def _rate(contacts: FalseContacts) -> str:
     rate = contacts.rate
-    return f"{rate_text(rate)}, {rate.count} in {figure(rate.hours)} h"
+    return f"{rate_text(rate)}, {rate.count} in {short_number(rate.hours)} h"
 
 
 def _idle(contacts: FalseContacts) -> str:
-    if contacts.seconds_per_hour is None or contacts.share_of_time is None:
+    if contacts.seconds_per_hour is None or contacts.fraction_of_time is None:
         return "-"
-    return f"{figure(contacts.seconds_per_hour)} s; {100.0 * contacts.share_of_time:.2f} %"
+    return f"{short_number(contacts.seconds_per_hour)} s; {100.0 * contacts.fraction_of_time:.2f} %"
 
 
 def _end(ends: Ends) -> str:
@@ -305,54 +309,58 @@ def _torque(torques: Torques) -> str:
     )
 
 
-# -- beside simulated robots ------------------------------------------------------------------------------------------
+# -- compared with simulated robots -----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
-class Beside:
-    """Simulated robots beside recorded ones: their ``summary``, and ``what`` they are."""
+class SimulatedRobots:
+    """Simulated robots with which recorded ones are compared: their ``summary``, and ``what`` they are."""
 
     summary: TouchSummary
     what: str
 
 
-def beside_table(
-    summary: TouchSummary, observer: ObserverSummary, beside: Beside, ours: str = FUSION
+def comparison_table(
+    summary: TouchSummary,
+    observer: ObserverSummary,
+    simulated_robots: SimulatedRobots,
+    ours: str = FUSION,
 ) -> list[str]:
-    """Write the main figures of recorded robots in columns beside those of simulated ones."""
-    others = beside.summary.observer(ours)
+    """Write the main results of recorded robots in columns next to those of simulated ones."""
+    others = simulated_robots.summary.observer(ours)
     if others is None:
         return []
-    laws = beside.summary.laws
+    laws = simulated_robots.summary.laws
     places = dict.fromkeys((*HEADLINE_PLACES, *summary.places))
     rows = []
     for place in places:
         own = [observer.group(law, place, "standing") for law in summary.laws]
         if any(own):
-            felt = Share.counted(
-                sum(cell.felt.count for cell in own if cell), sum(c.felt.of for c in own if c)
+            parts = [cell.detected for cell in own if cell]
+            detected = Fraction.counted(
+                sum(part.count for part in parts), sum(part.of for part in parts)
             )
             values = [_n90_and_worst(cell) for cell in own]
             values += [_n90_and_worst(others.group(law, place, "standing")) for law in laws]
-            rows.append([place, share_text(felt), *values])
-    mine, theirs = _figures(observer), _figures(others)
+            rows.append([place, fraction_text(detected), *values])
+    mine, theirs = _results(observer), _results(others)
     columns = (*laws, *((ALL,) if len(laws) > 1 else ()))
     return section(
-        "Beside simulated robots",
-        f"Recorded robots of this page, and {beside.what}. A person chooses how firmly to touch, simulated people "
-        "touch with 2 to 30 N from all sides: shares of touches that are felt compare only at known forces, N90 and "
-        "false contacts do.",
+        "Compared with simulated robots",
+        f"Recorded robots of this page, and {simulated_robots.what}. A person chooses how firmly to touch, simulated "
+        "people touch with 2 to 30 N from all sides: fractions of touches that are detected compare only at known "
+        "forces, N90 and false contacts do.",
         table(
             (
                 "place, standing",
-                "recorded: felt",
+                "recorded: detected",
                 *("recorded: N90 [N]" for _ in summary.laws),
                 *(f"simulated, `{law}`: N90 [N]" for law in laws),
             ),
             rows,
         ),
         table(
-            ("figure", "recorded", *(f"simulated, {_law_name(law)}" for law in columns)),
+            ("result", "recorded", *(f"simulated, {_law_name(law)}" for law in columns)),
             [
                 [name, value(ALL), *(theirs[name](law) for law in columns)]
                 for name, value in mine.items()
@@ -371,7 +379,7 @@ def _law_name(law: str) -> str:
 def pictures_of(pictures: Mapping[str, str]) -> list[str]:
     """Write the pictures, each with its caption."""
     return section(
-        "N90 on the robot, and touches felt by force",
+        "N90 on the robot, and touches detected by force",
         *(f"![{Path(path).stem}]({path})\n\n{caption}" for path, caption in pictures.items()),
     )
 
@@ -416,15 +424,15 @@ def _n90(cell: Cell | None) -> tuple[str, str, str, str]:
     return (
         "-" if value is None else value.text,
         worst,
-        str(cell.felt.of),
-        "-" if cell.bound is None else figure(cell.bound),
+        str(cell.detected.of),
+        "-" if cell.bound is None else short_number(cell.bound),
     )
 
 
-def felt_table(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
-    """Write the share of touches that are felt at each place, where the force of some is unknown."""
+def detection_table(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
+    """Write the fraction of touches that are detected at each place, where the force of some is unknown."""
     cells = observer.cells
-    if all(cell.n90 is not None and cell.n90.touches == cell.felt.of for cell in cells):
+    if all(cell.n90 is not None and cell.n90.touches == cell.detected.of for cell in cells):
         return []
     states = [state for state in summary.states if any(cell.state == state for cell in cells)]
     rows = []
@@ -432,17 +440,17 @@ def felt_table(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
         for state in states:
             found = [observer.cell(law, place, state) for law in summary.laws]
             if any(found):
-                felt = ["-" if cell is None else share_text(cell.felt) for cell in found]
-                rows.append([f"{place}, {state}", *felt])
+                detected = ["-" if cell is None else fraction_text(cell.detected) for cell in found]
+                rows.append([f"{place}, {state}", *detected])
     return section(
-        "Touches felt by place",
-        table(("place, state", *(f"felt, `{law}`" for law in summary.laws)), rows),
-        "All touches, of known force or not: the share depends on how firmly people touched.",
+        "Touches detected by place",
+        table(("place, state", *(f"detected, `{law}`" for law in summary.laws)), rows),
+        "All touches, of known force or not: the fraction depends on how firmly people touched.",
     )
 
 
 def recall_table(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
-    """Write the share of touches that are felt by the force that the suite asked for."""
+    """Write the fraction of touches that are detected by the force that the suite asked for."""
     forces = sorted({one.asked for cell in observer.groups for one in cell.forces})
     rows = []
     for place in summary.places:
@@ -452,20 +460,20 @@ def recall_table(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
                 if cell is not None and cell.forces:
                     found = {one.asked: one for one in cell.forces}
                     cells = [
-                        _force_share(found[force]) if force in found else "-" for force in forces
+                        _force_fraction(found[force]) if force in found else "-" for force in forces
                     ]
                     rows.append([f"{place}, {group}, `{law}`", *cells])
     return section(
-        "Touches felt by force",
+        "Touches detected by force",
         table(("place, states, boards", *(f"{force:g} N" for force in forces)), rows),
-        f"Felt of how many, by the force that the suite asks for; after `at` the median of those that acted, where it "
-        f"is below {LOWERED:g} of that. The pictures have the intervals.",
+        f"Detected of how many, by the force that the suite asks for; after `at` the median of those that acted, where "
+        f"it is below {LOWERED:g} of that. The pictures have the intervals.",
     )
 
 
-def _force_share(one: ForceShare) -> str:
-    lowered = f" at {figure(one.acted)} N" if one.acted < LOWERED * one.asked else ""
-    return f"{one.felt.count}/{one.felt.of}{lowered}"
+def _force_fraction(one: ForceFraction) -> str:
+    lowered = f" at {short_number(one.acted)} N" if one.acted < LOWERED * one.asked else ""
+    return f"{one.detected.count}/{one.detected.of}{lowered}"
 
 
 def rows_table(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
@@ -479,36 +487,44 @@ def rows_table(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
             rows.append(
                 [
                     f"... {kind}" if kind else f"**{row}**",
-                    *(_row_share(by_law.get(law)) for law in summary.laws),
+                    *(_row_fraction(by_law.get(law)) for law in summary.laws),
                     _row_force(by_law.get(ALL)),
                 ]
             )
     return section(
         "Other touches",
-        table(("row", *(f"felt, `{law}`" for law in summary.laws), "force that acted [N]"), rows),
+        table(
+            ("row", *(f"detected, `{law}`" for law in summary.laws), "force that acted [N]"), rows
+        ),
         "The force is the median over touches of the largest force of each.",
     )
 
 
-def _row_share(row: RowShare | None) -> str:
-    return "-" if row is None else share_text(row.felt)
+def _row_fraction(row: RowFraction | None) -> str:
+    return "-" if row is None else fraction_text(row.detected)
 
 
-def _row_force(row: RowShare | None) -> str:
-    return "-" if row is None or row.force is None else figure(row.force)
+def _row_force(row: RowFraction | None) -> str:
+    return "-" if row is None or row.force is None else short_number(row.force)
 
 
 def kinds_table(observer: ObserverSummary) -> list[str]:
     """Write the kinds that were reported of touches whose true kind is known."""
     found = {kind for kinds in observer.kinds for kind in kinds.reported}
     columns = [kind for kind in get_args(Kind) if kind in found]
-    header = ("true kind", *columns, "not felt", "right, of felt ones", "end after the release")
+    header = (
+        "true kind",
+        *columns,
+        "not detected",
+        "right, of detected ones",
+        "end after the release",
+    )
     rows = [
         [
             f"**{one.true}**",
             *(str(one.reported.get(kind, 0)) for kind in columns),
-            str(one.not_felt),
-            share_text(one.right),
+            str(one.not_detected),
+            fraction_text(one.right),
             delay_text(one.end),
         ]
         for one in observer.kinds
@@ -520,7 +536,7 @@ def kinds_table(observer: ObserverSummary) -> list[str]:
         f"{MAX_TAP_TIME:g} s, a *push* for up to {MAX_PUSH_TIME:g} s, a *hold* longer. A second tap within "
         f"{MAX_TAP_PAUSE:g} s is a *double tap*. A force of {STRONG_FORCE:g} N and more that rises within "
         f"{1e3 * FAST_RISE:.0f} ms is a *collision*, a handshake a *grip*. Other hands that hold on, objects in the "
-        "hand, touches beside another one on the limb, and times too near to a limit have no true kind. The end is "
+        "hand, touches during another one on the limb, and times too near to a limit have no true kind. The end is "
         "that of contacts with the right kind, median / p90: it reports a tap.",
     )
 
@@ -550,7 +566,7 @@ def false_contacts(summary: TouchSummary, observer: ObserverSummary) -> list[str
         "called rebounds",
         "seconds per hour",
         "of the time",
-        "rebounds told as such",
+        "rebounds reported as such",
         "limb left open",
     )
     by_law = [f"`{law}`" for law in laws]
@@ -601,18 +617,18 @@ def _names(observer: ObserverSummary, by: str) -> tuple[str, ...]:
 
 
 def _false_cells(contacts: FalseContacts) -> list[str]:
-    of_time = contacts.share_of_time
+    of_time = contacts.fraction_of_time
     return [
-        figure(contacts.hours),
+        short_number(contacts.hours),
         str(contacts.begins),
         str(contacts.moves),
         rate_text(contacts.rate),
         str(contacts.after_release),
         str(contacts.other_touched),
         str(contacts.rebounds),
-        "-" if contacts.seconds_per_hour is None else figure(contacts.seconds_per_hour),
+        "-" if contacts.seconds_per_hour is None else short_number(contacts.seconds_per_hour),
         "-" if of_time is None else f"{100.0 * of_time:.2f} %",
-        "-" if contacts.told_rebounds is None else str(contacts.told_rebounds),
+        "-" if contacts.reported_rebounds is None else str(contacts.reported_rebounds),
         "-" if contacts.open_limbs is None else str(contacts.open_limbs),
     ]
 
@@ -639,14 +655,14 @@ def _robots_table(summary: TouchSummary, observer: ObserverSummary) -> str:
         rows.append(
             [
                 f"{robot.robot}, `{robot.law}`" + (", not identified" if robot.failure else ""),
-                "-" if one is None else share_text(one.felt),
+                "-" if one is None else fraction_text(one.detected),
                 _state_rate(free),
                 _state_rate(touch),
                 number(robot.fit, 1),
             ]
         )
     return table(
-        ("robot", "felt of row `even`", "false, left alone", "false, people touch", "fit [%]"),
+        ("robot", "detected of row `even`", "false, left alone", "false, people touch", "fit [%]"),
         rows,
     )
 
@@ -668,7 +684,7 @@ def baselines(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
     header = [
         "observer",
         *(f"N90 hand, {group}, `{law}`" for group, law in places),
-        "felt of row `even`",
+        "detected of row `even`",
         "false/h, left alone",
         "false/h, people touch",
         *(f"false/h, {part}" for part in PARTS),
@@ -682,15 +698,15 @@ def baselines(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
             [
                 f"`{one.name}`",
                 *("-" if c is None or c.n90 is None else c.n90.text for c in cells),
-                share_text(one.felt()),
+                fraction_text(one.detected()),
                 *(_per_hour(one.false_contacts(suite)) for suite in ("free", "touch")),
                 *(_per_hour(one.false_contacts(ALL, ALL, "part", part)) for part in PARTS),
                 delay_text(one.delays[0].fast, unit="") if one.delays else "-",
-                share_text(one.located[0].joint_later, counts=False) if one.located else "-",
+                fraction_text(one.located[0].joint_later, counts=False) if one.located else "-",
             ]
         )
     return section(
-        "Beside other observers",
+        "Compared with other observers",
         table(header, rows),
         "All see the same ticks of the same robots, with models of each robot. `NAME` has the threshold that was "
         "published; `NAME@matched` the lowest of those tried that gives at most the false contacts of ours on the "
@@ -701,7 +717,7 @@ def baselines(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
 
 def _per_hour(contacts: FalseContacts | None) -> str:
     rate = None if contacts is None else contacts.rate.per_hour
-    return "-" if rate is None else figure(rate)
+    return "-" if rate is None else short_number(rate)
 
 
 def ablations(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
@@ -714,14 +730,14 @@ def ablations(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
             rows.append(
                 [
                     f"`{name}`",
-                    *(_difference(pair.felt, 100.0) for pair in pairs),
+                    *(_difference(pair.detected, 100.0) for pair in pairs),
                     *(_difference(pair.false_per_hour, 1.0) for pair in pairs),
                     " / ".join(str(pair.robots) for pair in pairs),
                 ]
             )
     header = (
         "observer",
-        *(f"felt [points], `{law}`" for law in summary.laws),
+        *(f"detected [points], `{law}`" for law in summary.laws),
         *(f"false contacts [1/h], `{law}`" for law in summary.laws),
         "robots",
     )
@@ -729,7 +745,7 @@ def ablations(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
         "Without each part",
         table(header, rows),
         f"Difference to `{observer.name}` on the same robots and touches (row `even`; all takes), with 95 % intervals "
-        "by bootstrap over robots. A part that helps has felt below 0 or false contacts above 0. Robots whose "
+        "by bootstrap over robots. A part that helps has *detected* below 0 or false contacts above 0. Robots whose "
         "identification failed are left out.",
     )
 
@@ -773,14 +789,14 @@ def failures(summary: TouchSummary) -> list[str]:
         if robot.failure:
             lines.append(
                 f"{robot.robot} (`{robot.law}`) could not be identified: {robot.failure}. Its {robot.touches} touches "
-                "count as not felt by any observer; it has no hours."
+                "count as not detected by any observer; it has no hours."
             )
     for robot in summary.robots:
         for take, reason in robot.failed_takes.items():
             lines.append(f"{robot.robot}, take {take} could not be performed: {reason}")
     planned = sum(robot.failed_touches for robot in summary.robots)
     if planned:
-        lines.append(f"{planned} touches planned for these takes are in no figure.")
+        lines.append(f"{planned} touches planned for these takes are in no result.")
     redrawn, takes = (sum(getattr(r, n) for r in summary.robots) for n in ("redrawn", "takes"))
     reasons = Counter[str]()
     for robot in summary.robots:
@@ -791,13 +807,13 @@ def failures(summary: TouchSummary) -> list[str]:
     for one in summary.observers:
         for reason, count in one.failures.items():
             lines.append(
-                f"`{one.name}` has no result of {count} takes, whose touches count as not felt: {reason}"
+                f"`{one.name}` has no result of {count} takes, whose touches count as not detected: {reason}"
             )
         if not one.robots:
             lines.append(f"`{one.name}` was judged on no robot.")
         elif one.left_out:
             lines.append(
-                f"`{one.name}` did not see every take of {', '.join(one.left_out)}: left out of all its figures."
+                f"`{one.name}` did not see every take of {', '.join(one.left_out)}: left out of all its results."
             )
     warned = [robot.robot for robot in summary.robots if robot.warnings]
     if warned:
@@ -805,7 +821,7 @@ def failures(summary: TouchSummary) -> list[str]:
     lowered = table(
         ("place", "lowered", "of touches", "largest force [N]"),
         [
-            [one.place, str(one.lowered), str(one.of), figure(one.largest)]
+            [one.place, str(one.lowered), str(one.of), short_number(one.max_force)]
             for one in summary.lowered
             if one.lowered
         ],
@@ -845,11 +861,11 @@ def _ledger_cell(column: str, value: str) -> str:
 def limits(
     summary: TouchSummary, *, development: bool = False, simulated: bool = True
 ) -> list[str]:
-    """Write what the figures do not say."""
+    """Write what the results do not say."""
     lines = []
     if simulated:
         lines.append(
-            "In simulation: no figure here is of a real robot. Masses, friction, boards and people are models."
+            "In simulation: no result here is of a real robot. Masses, friction, boards and people are models."
         )
     if development:
         lines.append(
@@ -862,8 +878,8 @@ def limits(
             f"Few robots ({', '.join(few)}): intervals by bootstrap over fewer than {FEW_ROBOTS} robots are too short."
         )
     lines += [
-        "Intervals of shares and rates take touches and false contacts as independent; those of one robot are alike, "
-        "so the true intervals are wider.",
+        "Intervals of fractions and rates take touches and false contacts as independent; those of one robot are "
+        "alike, so the true intervals are wider.",
         "Cells of single states have few touches: a strong one that is missed may alone lift their N90 beyond all "
         "forces. Read the pooled rows first.",
         f"An N90 beyond {MAX_FORCE:g} N is none: stronger touches are not made. Where less acted, as on the trunk, "
@@ -876,7 +892,7 @@ def limits(
 # -- text -------------------------------------------------------------------------------------------------------------
 
 
-def figure(value: float) -> str:
+def short_number(value: float) -> str:
     """Return a number with three digits at most: ``0.52``, ``7.4``, ``13``."""
     if math.isinf(value):
         return "inf"
@@ -884,23 +900,23 @@ def figure(value: float) -> str:
     return f"{value:.{digits}f}"
 
 
-def share_text(share: Share, *, counts: bool = True) -> str:
-    """Return a share, its interval and its counts: ``0.83 (0.55-0.95), 10 of 12``."""
-    if share.share is None:
+def fraction_text(fraction: Fraction, *, counts: bool = True) -> str:
+    """Return a fraction, its interval and its counts: ``0.83 (0.55-0.95), 10 of 12``."""
+    if fraction.fraction is None:
         return "-"
-    text = f"{share.share:.2f} ({share.low:.2f}-{share.high:.2f})"
-    return f"{text}, {share.count} of {share.of}" if counts else text
+    text = f"{fraction.fraction:.2f} ({fraction.low:.2f}-{fraction.high:.2f})"
+    return f"{text}, {fraction.count} of {fraction.of}" if counts else text
 
 
 def rate_text(rate: Rate) -> str:
     """Return a rate and its interval: ``3.1 (1.0-7.3)``."""
     if rate.per_hour is None:
         return "-"
-    return f"{figure(rate.per_hour)} ({figure(rate.low)}-{figure(rate.high)})"
+    return f"{short_number(rate.per_hour)} ({short_number(rate.low)}-{short_number(rate.high)})"
 
 
 def delay_text(quantiles: Quantiles, unit: str = " ms") -> str:
-    """Return median and p90, and the numbers felt and made: ``132 / 180 ms (40 of 60)``."""
+    """Return median and p90, and the numbers detected and made: ``132 / 180 ms (40 of 60)``."""
     if quantiles.median is None or quantiles.p90 is None:
         return "-"
     values = f"{_ms(quantiles.median)} / {_ms(quantiles.p90)}{unit}"

@@ -22,13 +22,13 @@ MAX_HAND_FORCE = 40.0
 """[N] of a hand that holds."""
 
 MIN_TIPPING = 0.05
-"""Ratio to what would tip the robot of a push beside others that leave it no more."""
+"""Ratio to what would tip the robot, of a push during others that leave it no more."""
 
 PULL = 0.04
 """[m] Way of a hand that grips and pulls."""
 
 FADING = 0.2
-"""[s] in which the force of a hand that opens is gone."""
+"""[s] in which the force of a hand that opens ends."""
 
 SHAKE, SHAKES = 0.03, 2.0
 """[m], [1/s] of a handshake."""
@@ -173,7 +173,7 @@ class Person:
     def _firm(
         self, force: float, point: PlacePoint, unit: FloatArray, world: bool, duration: float
     ) -> float:
-        """Return the force [N], or the largest one with which the robot stands firmly beside what acts already."""
+        """Return the force [N], or the largest one with which the robot still stands firmly, given the other pushes."""
         posture = np.asarray(self._pepper.position, dtype=np.float64)
         pose = self._model.link_pose(point.link, posture)
         if world:

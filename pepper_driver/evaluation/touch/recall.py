@@ -1,4 +1,4 @@
-"""Pictures of the share of touches that are felt, over their force; and all pictures of a summary. Needs ``plot``."""
+"""Pictures of the fraction of touches that are detected, over force; and all pictures of a summary. Needs ``plot``."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.evaluation.touch.map import TICKS, law_in_words, n90_figure
-from pepper_driver.evaluation.touch.n90 import CONFIDENCE, SHARE
+from pepper_driver.evaluation.touch.n90 import CONFIDENCE, N90_FRACTION
 from pepper_driver.evaluation.touch.observers import ABLATIONS, FUSION, MATCHED
 from pepper_driver.evaluation.touch.summary_data import (
     GROUPS,
     Cell,
-    ForceShare,
+    ForceFraction,
     ObserverSummary,
     TouchSummary,
 )
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Lines = Mapping[str, Sequence[ForceShare]]
-"""By label, shares from the smallest force up."""
+Lines = Mapping[str, Sequence[ForceFraction]]
+"""By label, fractions from the smallest force up."""
 
 COLUMNS = 4
 """Panels of a row."""
@@ -71,7 +71,7 @@ _STYLES = (
 
 @styled
 def recall_figure(panels: Mapping[str, Lines], title: str) -> Figure:
-    """Draw one panel for each entry, with the share felt over the force that acted, and whiskers (Wilson).
+    """Draw one panel for each entry, with the fraction detected over the force that acted, and whiskers (Wilson).
 
     Args:
         panels: By title. A label has the same colour in each of them.
@@ -90,12 +90,12 @@ def recall_figure(panels: Mapping[str, Lines], title: str) -> Figure:
         _draw(axes, lines, labels)
         axes.set_title(name)
         if number % columns == 0:
-            axes.set_ylabel("share felt")
+            axes.set_ylabel("fraction detected")
         if number + columns >= len(panels):
             axes.set_xlabel("force that acted [N]")
             axes.tick_params(labelbottom=True)
     figure.suptitle(
-        f"{title}\nwhiskers: {CONFIDENCE:.0%} interval; dashed: the share of N90",
+        f"{title}\nwhiskers: {CONFIDENCE:.0%} interval; dashed: the fraction of N90",
         fontsize=TITLE_SIZE,
     )
     if labels:
@@ -107,20 +107,21 @@ def _draw(axes: Axes, lines: Lines, labels: Sequence[str]) -> None:
     axes.set_xscale("log")
     axes.set_xlim(TICKS[0] / 1.25, TICKS[-1] * 1.25)
     axes.set_ylim(-0.03, 1.05)
-    axes.axhline(SHARE, color=GREY, linestyle=(0, (4, 3)), linewidth=1.0)
-    for label, shares in lines.items():
+    axes.axhline(N90_FRACTION, color=GREY, linestyle=(0, (4, 3)), linewidth=1.0)
+    for label, fractions in lines.items():
         number = labels.index(label)
         colour, marker, dashes = _STYLES[number % len(_STYLES)]
         known = sorted(
-            (one for one in shares if one.felt.share is not None), key=lambda one: one.acted
+            (one for one in fractions if one.detected.fraction is not None),
+            key=lambda one: one.acted,
         )
         shift = APART ** (number - (len(labels) - 1) / 2.0)
-        share = np.array([one.felt.share for one in known], dtype=np.float64)
-        ends = np.array([(one.felt.low, one.felt.high) for one in known]).reshape(-1, 2)
+        fraction = np.array([one.detected.fraction for one in known], dtype=np.float64)
+        ends = np.array([(one.detected.low, one.detected.high) for one in known]).reshape(-1, 2)
         axes.errorbar(
             [one.acted * shift for one in known],
-            share,
-            yerr=np.abs(ends.T - share),
+            fraction,
+            yerr=np.abs(ends.T - fraction),
             color=colour,
             marker=marker,
             markersize=5.0,
@@ -166,7 +167,7 @@ def write_touch_pictures(
     """Draw what the summary has data for.
 
     Args:
-        summary: All figures.
+        summary: All results.
         folder: For the files; made when there is something to draw. Pictures of an earlier run are removed.
         robot: Its description.
         ours: Name of the project's own observer.
@@ -184,18 +185,18 @@ def write_touch_pictures(
     if observer is not None and observer.groups:
         drawn["touch_map.png"] = (
             n90_figure(observer, summary.laws, robot, simulated=simulated),
-            "N90 by place: the force of which nine touches of 1 s in ten are felt. Hatched: not reached.",
+            "N90 by place: the force at which nine touches of 1 s in ten are detected. Hatched: not reached.",
         )
         for law in summary.laws:
             if panels := recall_by_group(observer, law, summary.places):
-                title = f"Touches of 1 s that are felt{where}: {_law(law)}"
+                title = f"Touches of 1 s that are detected{where}: {_law(law)}"
                 drawn[f"touch_recall_{law}.png"] = (
                     recall_figure(panels, title),
-                    f"Share of touches that are felt, by force and place: {_law(law)}. Intervals: Wilson.",
+                    f"Fraction of touches that are detected, by force and place: {_law(law)}. Intervals: Wilson.",
                 )
             others = _compared(summary)
             if len(others) > 1 and (panels := recall_by_observer(others, law)):
-                title = f"Touches of 1 s that are felt by each observer{where}: {_law(law)}"
+                title = f"Touches of 1 s that each observer detects{where}: {_law(law)}"
                 drawn[f"touch_recall_observers_{law}.png"] = (
                     recall_figure(panels, title),
                     f"The same for each observer, baselines with matched thresholds: {_law(law)}.",

@@ -27,7 +27,7 @@ LOG = "log"
 """Row and state of touches in logs."""
 
 MIN_RISE = 0.1
-"""[s] Least time that the rise and the fall of a force are taken to last."""
+"""[s] Minimum time that the rise and the fall of a force are taken to last."""
 
 
 class RecordError(PepperError, ValueError):
@@ -48,7 +48,7 @@ class Touched:
         rise: Rise time [s]; None where it is unknown.
         onset, release: Begin and end of the force, by the clock of the robot [s].
         torque: By joint of the limb, the largest torque, signed [N m]; empty where it is unknown.
-        friction_bound: Least over the limb's joints of 2 F / |J^T u|: friction may hide a smaller force from a limb
+        friction_bound: Minimum over the limb's joints of 2 F / |J^T u|: friction may hide a smaller force from a limb
             at rest [N]. None where it is unknown.
         moving: True if a joint of the limb was commanded to move at the onset.
         standing_start: True if it had begun before the first tick.
@@ -81,7 +81,7 @@ class Touched:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class Heard:
+class ReportedEvent:
     """One event of a contact that a callback would get: its begin, its end, or an update of place, direction or kind.
 
     Attributes:
@@ -133,7 +133,7 @@ class ForceEstimate:
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class Hearing:
+class ObserverRecord:
     """One observer over one take.
 
     Attributes:
@@ -144,7 +144,7 @@ class Hearing:
         failure: Reason why there is no result; empty if there is one.
     """
 
-    events: tuple[Heard, ...] = ()
+    events: tuple[ReportedEvent, ...] = ()
     torques: tuple[TorqueEstimate, ...] = ()
     forces: tuple[ForceEstimate, ...] = ()
     threshold_deg: dict[str, float] = field(default_factory=dict)
@@ -182,7 +182,7 @@ class Take:
     failure: str = ""
     planned: tuple[tuple[str, str, float | None], ...] = ()
     touches: tuple[Touched, ...] = ()
-    hearings: dict[str, Hearing] = field(default_factory=dict)
+    hearings: dict[str, ObserverRecord] = field(default_factory=dict)
 
     @property
     def seconds(self) -> float:
@@ -195,7 +195,7 @@ class RobotRecord:
     """All takes of one robot.
 
     Attributes:
-        key: Hash of all that the record depends on beside the robot; empty for a log.
+        key: Hash of all that the record depends on except the robot; empty for a log.
         robot: Name, such as ``random 7``.
         draw: Its number; None for a robot that is no draw, as in a log.
         law: Of its motor boards; None where it is unknown.

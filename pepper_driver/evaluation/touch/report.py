@@ -12,14 +12,14 @@ from pepper_driver.evaluation.figures import write_figures
 from pepper_driver.evaluation.report import fits, table1
 from pepper_driver.evaluation.results import EvaluationResult
 from pepper_driver.evaluation.touch.ledger import Look, as_rows
-from pepper_driver.evaluation.touch.page import Beside, touch_page
+from pepper_driver.evaluation.touch.page import SimulatedRobots, touch_page
 from pepper_driver.evaluation.touch.recall import write_touch_pictures
 from pepper_driver.evaluation.touch.summary_data import TouchSummary
 
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """Origin of the figures of a page.
+    """Origin of the results of a page.
 
     Attributes:
         command: That writes it.
@@ -42,17 +42,17 @@ def write_touch_report(
     robot: RobotConfig,
     origin: Origin,
     reference: EvaluationResult | None = None,
-    beside: Beside | None = None,
+    simulated_robots: SimulatedRobots | None = None,
 ) -> None:
     """Write the page; its pictures go into a folder of its name next to it.
 
     Args:
-        summary: All figures of touch.
+        summary: All results of touch.
         path: Of the page, Markdown.
         robot: Description of the robot.
-        origin: Of the figures.
+        origin: Of the results.
         reference: Results of the suites on the reference plants, for Table I and the fit; None for none.
-        beside: Simulated robots whose figures stand beside recorded ones; None for none.
+        simulated_robots: Those whose results are compared with recorded ones; None for none.
 
     Raises:
         OutputError: The page cannot be written.
@@ -63,9 +63,13 @@ def write_touch_report(
     drawn = write_touch_pictures(summary, folder, robot, simulated=origin.simulated)
     pictures = {f"{folder.name}/{name}": caption for name, caption in drawn.items()}
     kind = "simulated" if origin.simulated else "from recordings"
-    but = " but those that say *simulated*" if beside is not None and not origin.simulated else ""
+    but = (
+        " but those that say *simulated*"
+        if simulated_robots is not None and not origin.simulated
+        else ""
+    )
     parts: list[str] = [
-        f"*All figures here are {kind}{but}. `{origin.command}` wrote this page; do not edit it.*",
+        f"*All results here are {kind}{but}. `{origin.command}` wrote this page; do not edit it.*",
         "# Results of the contact observers",
         *origin.lines,
         *touch_page(
@@ -75,7 +79,7 @@ def write_touch_report(
             looks=len(origin.ledger),
             development=origin.development,
             simulated=origin.simulated,
-            beside=beside,
+            simulated_robots=simulated_robots,
         ),
         *_reference(reference, folder, robot),
     ]

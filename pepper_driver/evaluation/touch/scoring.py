@@ -1,4 +1,4 @@
-"""Score of one take for one observer as a user hears it: each event that a callback gets is right, rebound or false."""
+"""Score of one take for one observer, by the events that a callback gets: each is right, a rebound or false."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from pepper_driver.evaluation.touch.kinds import true_kinds
 from pepper_driver.evaluation.touch.records import (
     BoardLaw,
     ForceEstimate,
-    Heard,
-    Hearing,
+    ObserverRecord,
+    ReportedEvent,
     RobotRecord,
     Take,
     TorqueEstimate,
@@ -23,7 +23,7 @@ from pepper_driver.evaluation.touch.records import (
 from pepper_driver.observer.interface import Contact
 from pepper_driver.observer.scoring import JOINT_SHARE
 
-FELT_GRACE = 0.3
+DETECTION_GRACE = 0.3
 """[s] A limb still counts as touched for this long after the release: the joint has not come back yet."""
 
 REBOUND_TIME = 0.8
@@ -35,8 +35,8 @@ AFTER_RELEASE = 2.5
 LATER = 0.15 + 0.012
 """[s] After the alarm. Observers locate a contact again until 150 ms, and report it in the next cycle."""
 
-DIRECTION_SHARE = 0.2
-"""Least share of the largest torque with which a joint has a direction that can be right or wrong."""
+DIRECTION_FRACTION = 0.2
+"""Fraction of the largest torque from which a joint has a direction that can be right or wrong."""
 
 Verdict = Literal["right", "rebound", "open", "false"]
 
@@ -50,7 +50,7 @@ class FalseEvent:
         limb, shown_by: As the event has them.
         move: True if a contact moved there, False if it began there.
         rebound: True if it called itself a rebound.
-        after_release: True if a touch on the same limb ended FELT_GRACE to AFTER_RELEASE before.
+        after_release: True if a touch on the same limb ended DETECTION_GRACE to AFTER_RELEASE before.
         other_touched: True if another limb was touched then.
     """
 
@@ -64,14 +64,16 @@ class FalseEvent:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Told:
+class LocationScore:
     """Place and direction of a contact at one moment, against the truth; None where there is no truth to compare with.
 
     Attributes:
         limb: It is on the touched limb.
-        joint: Its joint has at least JOINT_SHARE of the largest torque on the limb's joints. None on the trunk.
+        joint: Its joint has at least the fraction JOINT_SHARE of the largest torque on the limb's joints. None on the
+            trunk.
         largest_joint: Its joint has the largest. None on the trunk.
-        direction: Its sign is that of the torque on its joint; None below DIRECTION_SHARE of the largest torque.
+        direction: Its sign is that of the torque on its joint; None below the fraction DIRECTION_FRACTION of the
+            largest torque.
     """
 
     limb: bool
@@ -82,30 +84,33 @@ class Told:
 
 @dataclass(frozen=True, kw_only=True)
 class TouchScore:
-    """One touch and what was told of it.
+    """One touch and the reports on it.
 
     Attributes:
         touch: The touch.
-        felt: True if an event on its limb told it, from its onset to FELT_GRACE after its release.
-        delay: From the onset, or from the first tick if it had begun before, to that event [s]; None if not felt.
-        first_limb: True if the first thing told of it was on its limb, False if a false contact began on another one
-            before. None if nothing was told.
-        alarm, later: Contact that told it, then and LATER after; an ended one stays where it was. None if not felt.
-        end_error: End of that contact minus release [s]; None if it is not felt or lasts until the end of the take.
+        detected: True if an event on its limb reported it, from its onset to DETECTION_GRACE after its release.
+        delay: From the onset, or from the first tick if it had begun before, to that event [s]; None if not
+            detected.
+        first_limb: True if the first report of it was on its limb, False if a false contact began on another one
+            before. None if nothing was reported.
+        alarm, later: Contact that reported it, then and LATER after; an ended one stays where it was. None if not
+            detected.
+        end_error: End of that contact minus release [s]; None if it is not detected or lasts until the end of the
+            take.
         open: True if that contact lasts until the end of the take.
-        torques: Pairs of true and estimated torque; empty if not felt.
-        force: True and reported force; None if not felt, or none was reported before it faded.
+        torques: Pairs of true and estimated torque; empty if not detected.
+        force: True and reported force; None if not detected, or none was reported before it faded.
         true_kind: Its kind; None where what the person did has no certain one.
-        kind: Last kind of the contact that told it. A ``grip`` is a contact of its own: of a true one, any contact that
-            began on its limb while it acted counts. None if not felt.
+        kind: Last kind of the contact that reported it. A ``grip`` is a contact of its own: of a true one, any contact
+            that began on its limb while it acted counts. None if not detected.
     """
 
     touch: Touched
-    felt: bool = False
+    detected: bool = False
     delay: float | None = None
     first_limb: bool | None = None
-    alarm: Told | None = None
-    later: Told | None = None
+    alarm: LocationScore | None = None
+    later: LocationScore | None = None
     end_error: float | None = None
     open: bool = False
     torques: tuple[TorqueEstimate, ...] = ()
@@ -127,7 +132,8 @@ class TakeScore:
         false: The other events, in the order of their times.
         idle_contact: Time in contacts where nothing touched their limb, or any limb if they leave it open, rebounds
             left out, summed over contacts [s].
-        failure: Reason why the observer has no result: then no touch is felt and there are no hours. Empty if it has.
+        failure: Reason why the observer has no result: then no touch is detected and there are no hours. Empty if it
+            has.
     """
 
     suite: str
@@ -160,7 +166,7 @@ class RobotScore:
 
     Attributes:
         robot, law: Of the record.
-        failure: Reason why the robot could not be identified; its touches are then not felt. Empty if it could.
+        failure: Reason why the robot could not be identified; its touches are then not detected. Empty if it could.
         takes: Of the takes that were performed.
         failed_takes: Number of those that could not be performed: they are left out.
         failed_touches: Number of touches planned for these.
@@ -174,16 +180,16 @@ class RobotScore:
     failed_touches: int
 
 
-def heard(contacts: Iterable[Contact]) -> tuple[Heard, ...]:
-    """Return the events of an observer that tell a user something new.
+def reported_events(contacts: Iterable[Contact]) -> tuple[ReportedEvent, ...]:
+    """Return the events of an observer that report something new.
 
     These are begins, ends, and updates with another joint, limb, direction or kind than the event before, or a limb
     that is known now, each with its time.
     """
-    events: list[Heard] = []
+    events: list[ReportedEvent] = []
     last: dict[int, tuple[object, ...]] = {}
     for contact in contacts:
-        told = (
+        content = (
             contact.joint,
             contact.shown_by,
             contact.limb,
@@ -191,11 +197,11 @@ def heard(contacts: Iterable[Contact]) -> tuple[Heard, ...]:
             contact.direction,
             contact.kind,
         )
-        if contact.phase == "update" and last.get(contact.id) == told:
+        if contact.phase == "update" and last.get(contact.id) == content:
             continue
-        last[contact.id] = told
+        last[contact.id] = content
         events.append(
-            Heard(
+            ReportedEvent(
                 id=contact.id,
                 phase=contact.phase,
                 time=contact.time,
@@ -214,7 +220,7 @@ def score_robot(record: RobotRecord, observer: str, limbs: Collection[str]) -> R
     """Score all takes of a robot.
 
     Args:
-        record: The robot. If its identification failed, no touch is felt.
+        record: The robot. If its identification failed, no touch is detected.
         observer: Name of the observer.
         limbs: Names of all limbs of the robot.
 
@@ -228,7 +234,9 @@ def score_robot(record: RobotRecord, observer: str, limbs: Collection[str]) -> R
         law=record.law,
         failure=record.failure,
         takes=tuple(
-            _unheard(take, record.failure) if record.failure else score_take(take, observer, limbs)
+            _unobserved(take, record.failure)
+            if record.failure
+            else score_take(take, observer, limbs)
             for take in performed
         ),
         failed_takes=len(failed),
@@ -240,11 +248,11 @@ def score_take(take: Take, observer: str, limbs: Collection[str]) -> TakeScore:
     """Score one performed take for one observer.
 
     - An event is a begin, or a move: an update to another limb or joint, or one that stops to be a rebound.
-    - It is right if it is no rebound and its limb is touched, from the onset to FELT_GRACE after the release. A rebound
-      is one until REBOUND_TIME after the release of a touch on its limb. One that leaves its limb open is neither of
-      them while another limb is touched. Every other event is false.
-    - A touch is felt by the first right begin on its limb, or move onto it. Each of these counts for one touch only:
-      the one that began last of those not felt yet.
+    - It is right if it is no rebound and its limb is touched, from the onset to DETECTION_GRACE after the release. A
+      rebound is one until REBOUND_TIME after the release of a touch on its limb. One that leaves its limb open is
+      neither of them while another limb is touched. Every other event is false.
+    - The first right begin on its limb, or move onto it, detects a touch. Each of these counts for one touch only: the
+      one that began last of those not detected yet.
     - Events of a contact without a begin are left out.
 
     Args:
@@ -257,25 +265,25 @@ def score_take(take: Take, observer: str, limbs: Collection[str]) -> TakeScore:
     """
     if observer not in take.hearings:
         raise UnknownNameError("observer", observer, tuple(take.hearings))
-    hearing = take.hearings[observer]
-    if hearing.failure:
-        return _unheard(take, hearing.failure)
-    tracks = _tracks(hearing.events)
+    observed = take.hearings[observer]
+    if observed.failure:
+        return _unobserved(take, observed.failure)
+    tracks = _tracks(observed.events)
     alarms = sorted((a for track in tracks for a in _alarms(track)), key=lambda alarm: alarm.time)
     verdicts = [_verdict(alarm, take.touches) for alarm in alarms]
     false = [a for a, verdict in zip(alarms, verdicts, strict=True) if verdict == "false"]
-    felt_by: dict[int, _Alarm] = {}
+    detected_by: dict[int, _Alarm] = {}
     for alarm, verdict in zip(alarms, verdicts, strict=True):
         if verdict == "right" and alarm.arrives:
-            told = [
+            candidates = [
                 (touch.onset, number)
                 for number, touch in enumerate(take.touches)
-                if number not in felt_by
+                if number not in detected_by
                 and touch.limb == alarm.event.limb
-                and _within(touch, alarm.time, FELT_GRACE)
+                and _within(touch, alarm.time, DETECTION_GRACE)
             ]
-            if told:
-                felt_by[max(told)[1]] = alarm
+            if candidates:
+                detected_by[max(candidates)[1]] = alarm
     touched = {limb: _touched(take, limb) for limb in {*limbs, *(t.limb for t in take.touches)}}
     exposed = sum(take.seconds - sum(end - start for start, end in touched[n]) for n in limbs)
     return TakeScore(
@@ -286,9 +294,9 @@ def score_take(take: Take, observer: str, limbs: Collection[str]) -> TakeScore:
         hours=exposed / len(limbs) / 3600.0,
         touches=tuple(
             replace(
-                _score_touch(take, number, felt_by.get(number), false, hearing),
+                _score_touch(take, number, detected_by.get(number), false, observed),
                 true_kind=kind,
-                kind=_reported_kind(kind, touch, felt_by.get(number), tracks),
+                kind=_reported_kind(kind, touch, detected_by.get(number), tracks),
             )
             for number, (touch, kind) in enumerate(zip(take.touches, true_kinds(take), strict=True))
         ),
@@ -304,11 +312,11 @@ def score_take(take: Take, observer: str, limbs: Collection[str]) -> TakeScore:
 class _Track:
     """Events of one contact, its last kind, and its end [s]: None if it lasts until the end of the take."""
 
-    events: list[Heard]
+    events: list[ReportedEvent]
     kind: Kind
     end: float | None = None
 
-    def at(self, time: float) -> Heard:
+    def at(self, time: float) -> ReportedEvent:
         return next((e for e in reversed(self.events) if e.time <= time), self.events[0])
 
 
@@ -316,7 +324,7 @@ class _Track:
 class _Alarm:
     """Event that is judged; ``arrives`` if it is the first of its contact on this limb that is no rebound."""
 
-    event: Heard
+    event: ReportedEvent
     track: _Track
     move: bool
     arrives: bool
@@ -326,7 +334,7 @@ class _Alarm:
         return self.event.time
 
 
-def _unheard(take: Take, failure: str) -> TakeScore:
+def _unobserved(take: Take, failure: str) -> TakeScore:
     return TakeScore(
         suite=take.suite,
         state=take.state,
@@ -341,7 +349,7 @@ def _unheard(take: Take, failure: str) -> TakeScore:
     )
 
 
-def _tracks(events: Iterable[Heard]) -> list[_Track]:
+def _tracks(events: Iterable[ReportedEvent]) -> list[_Track]:
     tracks: list[_Track] = []
     lasting: dict[int, _Track] = {}
     for event in events:
@@ -368,7 +376,7 @@ def _alarms(track: _Track) -> Iterable[_Alarm]:
             yield _Alarm(event=event, track=track, move=True, arrives=arrives)
 
 
-def _place(event: Heard) -> tuple[str | None, ...]:
+def _place(event: ReportedEvent) -> tuple[str | None, ...]:
     return event.limb, event.joint, event.shown_by
 
 
@@ -378,10 +386,10 @@ def _within(touch: Touched, time: float, after: float) -> bool:
 
 def _verdict(alarm: _Alarm, touches: Sequence[Touched]) -> Verdict:
     rebound = alarm.event.kind == "rebound"
-    time = REBOUND_TIME if rebound else FELT_GRACE
+    time = REBOUND_TIME if rebound else DETECTION_GRACE
     if any(t.limb == alarm.event.limb and _within(t, alarm.time, time) for t in touches):
         return "rebound" if rebound else "right"
-    if not alarm.event.limb_known and any(_within(t, alarm.time, FELT_GRACE) for t in touches):
+    if not alarm.event.limb_known and any(_within(t, alarm.time, DETECTION_GRACE) for t in touches):
         return "open"
     return "false"
 
@@ -395,40 +403,40 @@ def _false_event(alarm: _Alarm, touches: Sequence[Touched]) -> FalseEvent:
         move=alarm.move,
         rebound=alarm.event.kind == "rebound",
         after_release=any(
-            t.limb == limb and t.release + FELT_GRACE < time <= t.release + AFTER_RELEASE
+            t.limb == limb and t.release + DETECTION_GRACE < time <= t.release + AFTER_RELEASE
             for t in touches
         ),
         # Its own limb was not touched, or it would not be false.
-        other_touched=any(_within(t, time, FELT_GRACE) for t in touches),
+        other_touched=any(_within(t, time, DETECTION_GRACE) for t in touches),
     )
 
 
 def _score_touch(
-    take: Take, number: int, alarm: _Alarm | None, false: Sequence[_Alarm], hearing: Hearing
+    take: Take, number: int, alarm: _Alarm | None, false: Sequence[_Alarm], observed: ObserverRecord
 ) -> TouchScore:
     touch = take.touches[number]
-    # Right begins on its limb belong to this touch or to another one; of the false ones nobody knows.
+    # Right begins on its limb belong to this touch or to another one; of the false ones this is unknown.
     elsewhere = [
         other.time
         for other in false
         if not other.move
         and other.event.kind != "rebound"
-        and _within(touch, other.time, FELT_GRACE)
+        and _within(touch, other.time, DETECTION_GRACE)
     ]
     if alarm is None:
         return TouchScore(touch=touch, first_limb=False if elsewhere else None)
     track, end = alarm.track, alarm.track.end
     return TouchScore(
         touch=touch,
-        felt=True,
+        detected=True,
         delay=alarm.time - (take.start if touch.standing_start else touch.onset),
         first_limb=not any(time < alarm.time for time in elsewhere),
-        alarm=_told(alarm.event, touch),
-        later=_told(track.at(alarm.time + LATER), touch),
+        alarm=_score_location(alarm.event, touch),
+        later=_score_location(track.at(alarm.time + LATER), touch),
         end_error=None if end is None else end - touch.release,
         open=end is None,
-        torques=tuple(pair for pair in hearing.torques if pair.touch == number),
-        force=next((pair for pair in hearing.forces if pair.touch == number), None),
+        torques=tuple(pair for pair in observed.torques if pair.touch == number),
+        force=next((pair for pair in observed.forces if pair.touch == number), None),
     )
 
 
@@ -440,21 +448,21 @@ def _reported_kind(
     if true == "grip":
         for track in tracks:
             first = track.events[0]
-            here = first.limb == touch.limb and _within(touch, first.time, FELT_GRACE)
+            here = first.limb == touch.limb and _within(touch, first.time, DETECTION_GRACE)
             if here and track.kind == "grip":
                 return "grip"
     return alarm.track.kind
 
 
-def _told(event: Heard, touch: Touched) -> Told:
+def _score_location(event: ReportedEvent, touch: Touched) -> LocationScore:
     limb = event.limb == touch.limb
     sizes = {joint: abs(torque) for joint, torque in touch.torque.items()}
     largest = max(sizes.values(), default=0.0)
     if touch.limb == TRUNK or largest == 0.0:
-        return Told(limb=limb, joint=None, largest_joint=None, direction=None)
+        return LocationScore(limb=limb, joint=None, largest_joint=None, direction=None)
     torque = touch.torque.get(event.joint or "", 0.0)
-    directed = abs(torque) >= DIRECTION_SHARE * largest
-    return Told(
+    directed = abs(torque) >= DIRECTION_FRACTION * largest
+    return LocationScore(
         limb=limb,
         joint=abs(torque) >= JOINT_SHARE * largest,
         largest_joint=abs(torque) == largest,
@@ -463,12 +471,12 @@ def _told(event: Heard, touch: Touched) -> Told:
 
 
 def _touched(take: Take, limb: str | None = None) -> list[tuple[float, float]]:
-    """Return the times in which a limb, or any, is touched, FELT_GRACE included [s]: in order, without overlap."""
+    """Return the times in which a limb, or any, is touched, DETECTION_GRACE included [s]: in order, without overlap."""
     spans: list[tuple[float, float]] = []
     touches = [touch for touch in take.touches if limb is None or touch.limb == limb]
     for touch in sorted(touches, key=lambda t: t.onset):
         start = max(touch.onset, take.start)
-        end = min(touch.release + FELT_GRACE, take.end)
+        end = min(touch.release + DETECTION_GRACE, take.end)
         if spans and start <= spans[-1][1]:
             spans[-1] = (spans[-1][0], max(spans[-1][1], end))
         elif start < end:

@@ -24,7 +24,7 @@ from pepper_driver.evaluation.touch.ledger import code_hash, constants_hash
 from pepper_driver.evaluation.touch.observers import ModelFiles, make, watch_all
 from pepper_driver.evaluation.touch.records import (
     BoardLaw,
-    Hearing,
+    ObserverRecord,
     RecordError,
     RobotRecord,
     Take,
@@ -43,8 +43,8 @@ from pepper_driver.identification import (
 from pepper_driver.observer import ModelKind, Observer
 
 PART = 2
-"""Robots that are judged and kept together at least: some 40 minutes of two cores. With more processes as many
-robots as these, so that each identifies one."""
+"""Minimum number of robots that are judged and kept together: some 40 minutes of two cores. With more processes as
+many robots as these, so that each identifies one."""
 
 EXPERIMENT, CALIBRATION = "identify", "calibration_motion"
 """Motions by which an owner identifies a robot: those of ``pepper identify``."""
@@ -99,7 +99,7 @@ class Judging:
         return tuple(take for take in takes if take.suite == "free" or self.touch)
 
     def key(self) -> str:
-        """Hash of all that records depend on beside the robot."""
+        """Hash of all that records depend on except the robot."""
         return content_hash(
             [
                 self.suites.frozen,
@@ -158,7 +158,7 @@ def judge(
         total = sum(identifying + sum(spec.seconds for spec in judging.specs(d)) for d in left)
         ended = 0.0
 
-        def tell(what: str, seconds: float = identifying) -> None:
+        def report(what: str, seconds: float = identifying) -> None:
             nonlocal ended
             ended += seconds
             if progress is not None:
@@ -166,7 +166,7 @@ def judge(
 
         for start in range(0, len(left), size):
             part = left[start : start + size]
-            for record in _judge_part(judging, part, key, workers, tell):
+            for record in _judge_part(judging, part, key, workers, report):
                 assert record.draw is not None
                 save_robot(record, _record_path(judging, record.draw))
                 done[record.draw] = record
@@ -175,11 +175,11 @@ def judge(
     return tuple(done[draw] for draw in draws)
 
 
-class Tell(Protocol):
-    """Tells what is done; without its time, an identification."""
+class ProgressReporter(Protocol):
+    """Function that reports a job that is done; without its time, an identification."""
 
     def __call__(self, what: str, seconds: float = ...) -> None:
-        """Tell what was done, and how long it takes a robot [s]."""
+        """Report what was done, and how long it takes a robot [s]."""
         ...
 
 
@@ -215,13 +215,13 @@ def _judge_part(
     draws: Sequence[int],
     key: str,
     workers: Workers,
-    tell: Tell,
+    report: ProgressReporter,
 ) -> Iterator[RobotRecord]:
-    """Identify robots, perform their takes, and yield their records; ``tell`` what is done."""
+    """Identify robots, perform their takes, and yield their records; ``report`` each job that is done."""
     robot, versions = load_robot(), _versions()
     specs = {draw: judging.specs(draw) for draw in draws}
     identified = _identify(
-        judging, draws, robot, workers, lambda one: tell(f"{one.name}, identified")
+        judging, draws, robot, workers, lambda one: report(f"{one.name}, identified")
     )
     takes: dict[tuple[int, str], Take] = {}
     jobs = []
@@ -237,7 +237,7 @@ def _judge_part(
             )
     for spec, take in run_jobs(jobs, workers=workers, ordered=False):
         takes[spec.draw, spec.name] = take
-        tell(f"{spec.population}-{spec.draw}, {spec.name}", spec.seconds)
+        report(f"{spec.population}-{spec.draw}, {spec.name}", spec.seconds)
     for draw in draws:
         owner = identified[draw]
         fits: dict[str, dict[str, float]] = next(iter(owner.report.get("fit", {}).values()), {})
@@ -308,7 +308,7 @@ def _perform(
     except RecordError:
         pass
     with one_core(1):
-        take = take_and_hear(spec, models, names)
+        take = perform_and_observe(spec, models, names)
     if _versions() != versions:
         raise ChangedError(
             "code, settings or libraries have changed since the robots began to be judged: undo that to continue, or "
@@ -318,7 +318,7 @@ def _perform(
     return spec, take
 
 
-def take_and_hear(
+def perform_and_observe(
     spec: TakeSpec,
     models: ModelFiles | None,
     names: Sequence[str],
@@ -340,7 +340,7 @@ def take_and_hear(
         return take
     baselines = load_evaluation_baselines()
     observers: dict[str, Observer] = {}
-    failed: dict[str, Hearing] = {}
+    failed: dict[str, ObserverRecord] = {}
     for name in names:
         try:
             observers[name] = make(
@@ -352,15 +352,17 @@ def take_and_hear(
                 uri=spec.uri,
             )
         except Exception as error:  # one observer that fails must not cost the others
-            failed[name] = Hearing(failure=f"{type(error).__name__}: {error}".splitlines()[0])
-    heard = watch_all(
+            failed[name] = ObserverRecord(
+                failure=f"{type(error).__name__}: {error}".splitlines()[0]
+            )
+    reported = watch_all(
         observers,
         done.recording,
         take.touches,
         robot,
         true_torque=done.true_torque if len(done.true_torque) else None,
     )
-    return replace(take, hearings={name: {**heard, **failed}[name] for name in names})
+    return replace(take, hearings={name: {**reported, **failed}[name] for name in names})
 
 
 def board_law(population: str, draw: int, robot: RobotConfig) -> BoardLaw:

@@ -16,16 +16,16 @@ from pepper_driver.config.contact_selector import Kind
 from pepper_driver.config.robot import TRUNK
 from pepper_driver.config.touch_suites import EVEN, TouchSuites
 from pepper_driver.evaluation.touch.kinds import UNKNOWN_IN_LOGS, UNSHARPENED
-from pepper_driver.evaluation.touch.ledger import Figures
+from pepper_driver.evaluation.touch.ledger import MainResults
 from pepper_driver.evaluation.touch.n90 import ForceTouch, n90
 from pepper_driver.evaluation.touch.observers import FUSION
 from pepper_driver.evaluation.touch.records import LOG, BoardLaw, RobotRecord, Touched
 from pepper_driver.evaluation.touch.scoring import (
     AFTER_RELEASE,
     FalseEvent,
+    LocationScore,
     RobotScore,
     TakeScore,
-    Told,
     TouchScore,
     score_robot,
 )
@@ -47,8 +47,9 @@ from pepper_driver.evaluation.touch.summary_data import (
     Ends,
     FalseContacts,
     FalseGroup,
+    ForceFraction,
     Forces,
-    ForceShare,
+    Fraction,
     Kinds,
     Located,
     LoweredForces,
@@ -56,10 +57,9 @@ from pepper_driver.evaluation.touch.summary_data import (
     Quantiles,
     Rate,
     RestAndMotion,
-    RobotFigures,
+    RobotResults,
     RobotSummary,
-    RowShare,
-    Share,
+    RowFraction,
     Suite,
     Torques,
     TouchSummary,
@@ -68,7 +68,7 @@ from pepper_driver.evaluation.touch.summary_data import (
 T = TypeVar("T")
 
 LOWERED = 0.97
-"""Share of the force asked for; one below it was lowered."""
+"""Fraction of the force asked for; one below it was lowered."""
 
 MIN_FORCE_TIME = 0.3
 """[s] From the onset to the fading of a force, below which its estimate does not count: a tap is over before."""
@@ -78,7 +78,7 @@ FORCE_STEP = 0.1
 
 
 class _One(NamedTuple):
-    """One touch and what was told of it."""
+    """One touch and the reports on it."""
 
     robot: str
     law: str
@@ -118,7 +118,7 @@ def summarise_touch(
 ) -> TouchSummary:
     """Score robots for observers, and pool the scores.
 
-    Touches of a robot whose identification failed are not felt, by any observer. Where an observer did not see every
+    No observer detects touches of a robot whose identification failed. Where an observer did not see every
     performed take of a robot, the robot is left out for this observer, and named.
 
     Args:
@@ -152,12 +152,12 @@ def summarise_touch(
     )
 
 
-def main_figures(records: Sequence[RobotRecord]) -> Figures:
-    """Return what the ledger says of the project's own observer: its false contacts are begins and moves."""
+def main_results(records: Sequence[RobotRecord]) -> MainResults:
+    """Return the results of the project's own observer for the ledger: its false contacts are begins and moves."""
     summary = summarise_touch(records, (FUSION,), load_robot(), by_state=())
     ours = summary.observer(FUSION)
     if ours is None:
-        return Figures()
+        return MainResults()
     free = ours.false_contacts("free")
     delay = ours.delays[0].fast.median if ours.delays else None
 
@@ -165,7 +165,7 @@ def main_figures(records: Sequence[RobotRecord]) -> Figures:
         cell = ours.group(law, "hand", group)
         return None if cell is None or cell.n90 is None else cell.n90.newtons
 
-    return Figures(
+    return MainResults(
         false_contacts=free.events if free is not None and free.hours > 0.0 else None,
         hours=free.hours if free is not None and free.hours > 0.0 else None,
         n90_standing_nominal=hand("nominal", "standing"),
@@ -220,7 +220,7 @@ def _lowered(touches: Sequence[Touched], places: Sequence[str]) -> Iterator[Lowe
                 place=place,
                 lowered=sum(force < LOWERED * asked for force, asked in pairs),
                 of=len(pairs),
-                largest=max(force for force, _ in pairs),
+                max_force=max(force for force, _ in pairs),
             )
 
 
@@ -250,11 +250,11 @@ def _observer(
         for take in record.takes
         if not take.failure
     ]
-    heard = [hearing for hearing in hearings if not hearing.failure]
-    failures = [hearing.failure for hearing in hearings if hearing.failure]
+    complete = [observed for observed in hearings if not observed.failure]
+    failures = [observed.failure for observed in hearings if observed.failure]
     return ObserverSummary(
         name=name,
-        robots=tuple(_figures(entry) for entry in judged),
+        robots=tuple(_robot_results(entry) for entry in judged),
         left_out=tuple(record.robot for record in records if record not in seen),
         failures={reason: failures.count(reason) for reason in dict.fromkeys(failures)},
         cells=tuple(_cells(main, places, {s: (s,) for s in states})) if whole else (),
@@ -271,11 +271,11 @@ def _observer(
             main,
             lambda law, some: RestAndMotion(
                 law=law,
-                rest=Share.among(one.score.felt for one in some if not one.touch.moving),
-                moving=Share.among(one.score.felt for one in some if one.touch.moving),
+                rest=Fraction.among(one.score.detected for one in some if not one.touch.moving),
+                moving=Fraction.among(one.score.detected for one in some if one.touch.moving),
             ),
         ),
-        threshold_deg=_medians(hearing.threshold_deg for hearing in heard),
+        threshold_deg=_medians(observed.threshold_deg for observed in complete),
     )
 
 
@@ -312,12 +312,12 @@ def _by_law(ones: Sequence[_One], make: Callable[[str, Sequence[_One]], T]) -> t
     )
 
 
-def _figures(entry: _Judged) -> RobotFigures:
-    return RobotFigures(
+def _robot_results(entry: _Judged) -> RobotResults:
+    return RobotResults(
         robot=entry.score.robot,
         law=entry.law,
         identified=not entry.score.failure,
-        felt=Share.among(one.score.felt for one in entry.touches if one.main),
+        detected=Fraction.among(one.score.detected for one in entry.touches if one.main),
         false=_false(entry.score.takes),
     )
 
@@ -329,7 +329,7 @@ def _force_touches(ones: Iterable[_One]) -> list[ForceTouch]:
     """Return the touches whose force is known, as N90 takes them."""
     return [
         ForceTouch(
-            max(round(one.touch.force / FORCE_STEP), 1) * FORCE_STEP, one.score.felt, one.robot
+            max(round(one.touch.force / FORCE_STEP), 1) * FORCE_STEP, one.score.detected, one.robot
         )
         for one in ones
         if one.touch.force is not None
@@ -359,12 +359,12 @@ def _cell(law: str, place: str, state: str, ones: Sequence[_One]) -> Cell:
         place=place,
         state=state,
         n90=n90(touches) if touches else None,
-        felt=Share.among(one.score.felt for one in ones),
+        detected=Fraction.among(one.score.detected for one in ones),
         forces=tuple(
-            ForceShare(
+            ForceFraction(
                 asked=asked,
                 acted=_or(_median(one.touch.force for one in some), asked),
-                felt=Share.among(one.score.felt for one in some),
+                detected=Fraction.among(one.score.detected for one in some),
             )
             for asked, some in sorted(by_asked.items())
         ),
@@ -372,7 +372,9 @@ def _cell(law: str, place: str, state: str, ones: Sequence[_One]) -> Cell:
     )
 
 
-def _rows(ones: Sequence[_One], rows: Sequence[str], places: Sequence[str]) -> Iterator[RowShare]:
+def _rows(
+    ones: Sequence[_One], rows: Sequence[str], places: Sequence[str]
+) -> Iterator[RowFraction]:
     for row in rows:
         of_row = [one for one in ones if one.touch.row == row]
         here = [place for place in places if any(one.touch.place == place for one in of_row)]
@@ -389,12 +391,12 @@ def _rows(ones: Sequence[_One], rows: Sequence[str], places: Sequence[str]) -> I
                     and place in (ALL, one.touch.place)
                     and group in (ALL, group_of(one.state))
                 ]
-                yield RowShare(
+                yield RowFraction(
                     row=row,
                     law=law,
                     place=place,
                     state=group,
-                    felt=Share.among(one.score.felt for one in some),
+                    detected=Fraction.among(one.score.detected for one in some),
                     force=_median(one.touch.force for one in some),
                 )
 
@@ -465,11 +467,11 @@ def _false(takes: Sequence[TakeScore]) -> FalseContacts:
     hours = whole.hours
     return replace(
         whole,
-        told_rebounds=sum(take.rebounds for take in takes),
+        reported_rebounds=sum(take.rebounds for take in takes),
         open_limbs=sum(take.open_limbs for take in takes),
         seconds=idle,
         seconds_per_hour=idle / hours if hours > 0.0 else None,
-        share_of_time=idle / (3600.0 * hours) if hours > 0.0 else None,
+        fraction_of_time=idle / (3600.0 * hours) if hours > 0.0 else None,
     )
 
 
@@ -484,36 +486,38 @@ def _false_at(takes: Sequence[TakeScore], here: Callable[[FalseEvent], bool]) ->
         after_release=sum(event.after_release for event in events),
         other_touched=sum(event.other_touched for event in events),
         rebounds=sum(event.rebound for event in events),
-        told_rebounds=None,
+        reported_rebounds=None,
         hours=hours,
         begin_rate=Rate.counted(begins, hours),
         rate=Rate.counted(len(events), hours),
         seconds=None,
         seconds_per_hour=None,
-        share_of_time=None,
+        fraction_of_time=None,
     )
 
 
-# -- what was told of touches -----------------------------------------------------------------------------------------
+# -- reports on touches -----------------------------------------------------------------------------------------------
 
 
 def _located(law: str, ones: Sequence[_One]) -> Located:
     alarms = [one.score.alarm for one in ones if one.score.alarm is not None]
     later = [one.score.later for one in ones if one.score.later is not None]
 
-    def share(told: Sequence[Told], of: Callable[[Told], bool | None]) -> Share:
-        return Share.among(of(one) for one in told)
+    def fraction(
+        places: Sequence[LocationScore], of: Callable[[LocationScore], bool | None]
+    ) -> Fraction:
+        return Fraction.among(of(place) for place in places)
 
     return Located(
         law=law,
-        first_limb=Share.among(one.score.first_limb for one in ones),
-        limb_later=share(later, lambda told: told.limb),
-        joint=share(alarms, lambda told: told.joint),
-        joint_later=share(later, lambda told: told.joint),
-        largest=share(alarms, lambda told: told.largest_joint),
-        largest_later=share(later, lambda told: told.largest_joint),
-        direction=share(alarms, lambda told: told.direction),
-        direction_later=share(later, lambda told: told.direction),
+        first_limb=Fraction.among(one.score.first_limb for one in ones),
+        limb_later=fraction(later, lambda place: place.limb),
+        joint=fraction(alarms, lambda place: place.joint),
+        joint_later=fraction(later, lambda place: place.joint),
+        largest=fraction(alarms, lambda place: place.largest_joint),
+        largest_later=fraction(later, lambda place: place.largest_joint),
+        direction=fraction(alarms, lambda place: place.direction),
+        direction_later=fraction(later, lambda place: place.direction),
     )
 
 
@@ -579,13 +583,13 @@ class _Counted:
 
 
 def _ends(law: str, ones: Sequence[_One]) -> Ends:
-    felt = [one.score for one in ones if one.alone and one.score.felt]
-    errors = [score.end_error for score in felt if score.end_error is not None]
+    detected = [one.score for one in ones if one.alone and one.score.detected]
+    errors = [score.end_error for score in detected if score.end_error is not None]
     return Ends(
         law=law,
-        error=Quantiles.among(errors, len(felt)),
-        early=Share.among(error < EARLY for error in errors),
-        open=sum(score.open for score in felt),
+        error=Quantiles.among(errors, len(detected)),
+        early=Fraction.among(error < EARLY for error in errors),
+        open=sum(score.open for score in detected),
     )
 
 
@@ -613,7 +617,7 @@ def _forces(ones: Sequence[_One]) -> Iterator[Forces]:
         for one in ones
         if one.touch.place in FORCE_PLACES
         and one.alone
-        and one.score.felt
+        and one.score.detected
         and one.touch.fading is not None
         and one.touch.fading > one.touch.onset + MIN_FORCE_TIME
     ]
@@ -640,10 +644,10 @@ def _forces_of(law: str, place: str, state: str, pushes: Sequence[_One]) -> Forc
         law=law,
         place=place,
         state=state,
-        known=Share.among(pair.scale_known for pair in estimates),
-        right=Share.counted(sum(abs(error) <= FORCE_TOLERANCE for error in errors), len(strong)),
-        covered=Share.among(pair.low <= pair.true <= pair.high for pair in of_strong),
-        all_covered=Share.among(pair.low <= pair.true <= pair.high for pair in estimates),
+        known=Fraction.among(pair.scale_known for pair in estimates),
+        right=Fraction.counted(sum(abs(error) <= FORCE_TOLERANCE for error in errors), len(strong)),
+        covered=Fraction.among(pair.low <= pair.true <= pair.high for pair in of_strong),
+        all_covered=Fraction.among(pair.low <= pair.true <= pair.high for pair in estimates),
         error=Quantiles.among(errors, len(strong)),
     )
 
@@ -660,8 +664,8 @@ def _kinds(scores: Sequence[TouchScore]) -> Iterator[Kinds]:
             yield Kinds(
                 true=true,
                 reported=dict(Counter(s.kind for s in some if s.kind is not None).most_common()),
-                not_felt=sum(score.kind is None for score in some),
-                right=Share.among(
+                not_detected=sum(score.kind is None for score in some),
+                right=Fraction.among(
                     None
                     if one.kind is None or (one.touch.row == LOG and one.kind in UNKNOWN_IN_LOGS)
                     else one.kind == true

@@ -1,4 +1,4 @@
-"""Figures of the judge of touch as plain data: shares, rates, N90 and delays of each observer on a split."""
+"""Results of the judge of touch as plain data: fractions, rates, N90 and delays of each observer on a split."""
 
 from __future__ import annotations
 
@@ -54,24 +54,24 @@ By = Literal["all", "state", "robot", "limb", "joint", "part"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Share:
-    """``count`` of ``of``, as a share with its interval (Wilson); the share is None of nothing."""
+class Fraction:
+    """``count`` of ``of``, as a fraction with its interval (Wilson); the fraction is None of nothing."""
 
     count: int
     of: int
-    share: float | None
+    fraction: float | None
     low: float
     high: float
 
     @classmethod
-    def counted(cls, count: int, of: int) -> Share:
-        """Return the share of a count."""
+    def counted(cls, count: int, of: int) -> Fraction:
+        """Return the fraction of a count."""
         low, high = wilson_interval(count, of)
-        return cls(count=count, of=of, share=count / of if of else None, low=low, high=high)
+        return cls(count=count, of=of, fraction=count / of if of else None, low=low, high=high)
 
     @classmethod
-    def among(cls, answers: Iterable[bool | None]) -> Share:
-        """Return the share of true answers; None is no answer."""
+    def among(cls, answers: Iterable[bool | None]) -> Fraction:
+        """Return the fraction of true answers; None is no answer."""
         given = [answer for answer in answers if answer is not None]
         return cls.counted(sum(given), len(given))
 
@@ -96,7 +96,7 @@ class Rate:
 
 @dataclass(frozen=True, kw_only=True)
 class Quantiles:
-    """Quantiles of ``count`` values, None of none. ``of``: touches that could have had one, felt or not."""
+    """Quantiles of ``count`` values, None of none. ``of``: touches that could have had one, detected or not."""
 
     count: int
     of: int
@@ -114,12 +114,12 @@ class Quantiles:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ForceShare:
-    """Touches for which the suite asked this force [N]: the median that acted [N], and how many were felt."""
+class ForceFraction:
+    """Touches for which the suite asked this force [N]: the median that acted [N], and how many were detected."""
 
     asked: float
     acted: float
-    felt: Share
+    detected: Fraction
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,7 +129,7 @@ class Cell:
     Attributes:
         law, place, state: Which ones. Both arms are one place.
         n90: None if no force is known.
-        felt: Of all of them.
+        detected: Of all of them.
         forces: By the force asked for, from the smallest up.
         bound: Median friction bound [N]; None where it is unknown.
     """
@@ -138,18 +138,18 @@ class Cell:
     place: str
     state: str
     n90: N90 | None
-    felt: Share
-    forces: tuple[ForceShare, ...]
+    detected: Fraction
+    forces: tuple[ForceFraction, ...]
     bound: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
-class RowShare:
-    """Touches of another row that were felt; ALL where a law, a place or a group of states is not told apart.
+class RowFraction:
+    """Touches of another row that were detected; ALL where a law, a place or a group of states is not separated.
 
     Attributes:
         row, law, place, state: Which ones; ``state`` is a group, or a state that is in none.
-        felt: How many of them.
+        detected: How many of them.
         force: Median force that really acted [N]; None where it is unknown.
     """
 
@@ -157,7 +157,7 @@ class RowShare:
     law: str
     place: str
     state: str
-    felt: Share
+    detected: Fraction
     force: float | None
 
 
@@ -169,12 +169,12 @@ class FalseContacts:
         begins, moves: Contacts that began, and that moved, where nothing touched.
         after_release, other_touched, rebounds: Those of them that came late after a release on the limb, while another
             limb was touched, and that called themselves a rebound.
-        told_rebounds: Rebounds that were told as such; they are not false.
+        reported_rebounds: Rebounds that were reported as such; they are not false.
         open_limbs: Contacts that left their limb open while another one was touched; they are neither right nor false.
         hours: In which a contact could have been false [h].
         begin_rate, rate: Of begins, and of begins and moves together.
         seconds: Time in contacts that were none [s]; None where it is not known apart.
-        seconds_per_hour, share_of_time: The same, per hour and as a share.
+        seconds_per_hour, fraction_of_time: The same, per hour and as a fraction.
     """
 
     begins: int
@@ -182,14 +182,14 @@ class FalseContacts:
     after_release: int
     other_touched: int
     rebounds: int
-    told_rebounds: int | None
+    reported_rebounds: int | None
     open_limbs: int | None = None
     hours: float
     begin_rate: Rate
     rate: Rate
     seconds: float | None
     seconds_per_hour: float | None
-    share_of_time: float | None
+    fraction_of_time: float | None
 
     @property
     def events(self) -> int:
@@ -214,26 +214,26 @@ class FalseGroup:
 
 @dataclass(frozen=True, kw_only=True)
 class Located:
-    """Limb, joint and direction of felt touches of the row of N90: at the alarm, and 150 ms later.
+    """Limb, joint and direction of detected touches of the row of N90: at the alarm, and 150 ms later.
 
     Attributes:
         law: Of the robots.
-        first_limb: Touches of which the first thing told was on their limb, among those of which anything was told.
+        first_limb: Touches of which the first report was on their limb, among those of which anything was reported.
         limb_later: Contacts that are still on the limb.
-        joint, joint_later: Joints with at least JOINT_SHARE of the largest torque.
+        joint, joint_later: Joints with at least the fraction JOINT_SHARE of the largest torque.
         largest, largest_later: Joints with the largest.
         direction, direction_later: Signs that are right, of joints that were turned.
     """
 
     law: str
-    first_limb: Share
-    limb_later: Share
-    joint: Share
-    joint_later: Share
-    largest: Share
-    largest_later: Share
-    direction: Share
-    direction_later: Share
+    first_limb: Fraction
+    limb_later: Fraction
+    joint: Fraction
+    joint_later: Fraction
+    largest: Fraction
+    largest_later: Fraction
+    direction: Fraction
+    direction_later: Fraction
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,7 +244,7 @@ class Delays:
         law: Of the robots.
         fast: From the onset, for rises up to FAST_RISE.
         slow: For slower ones, from the moment at which the force passes the N90 of its law, place and state; without
-            those that never pass it. Negative where a touch is felt before.
+            those that never pass it. Negative where a touch is detected before.
         strong: Both, each by its rule, where the force is STRONG times this N90 or more.
     """
 
@@ -267,7 +267,7 @@ class Ends:
 
     law: str
     error: Quantiles
-    early: Share
+    early: Fraction
     open: int
 
 
@@ -283,9 +283,9 @@ class Torques:
 
 @dataclass(frozen=True, kw_only=True)
 class Forces:
-    """Forces that were reported of felt pushes alone on their limb, against those that acted.
+    """Forces that were reported of detected pushes alone on their limb, against those that acted.
 
-    A push that is felt and has no force until it fades is one whose estimate is wrong.
+    A push that is detected and has no force until it fades is one whose estimate is wrong.
 
     Attributes:
         law: Of the robots.
@@ -301,10 +301,10 @@ class Forces:
     law: str
     place: str
     state: str
-    known: Share
-    right: Share
-    covered: Share
-    all_covered: Share
+    known: Fraction
+    right: Fraction
+    covered: Fraction
+    all_covered: Fraction
     error: Quantiles
 
 
@@ -315,49 +315,50 @@ class Kinds:
     Attributes:
         true: The true kind.
         reported: Number of touches by kind that was reported, the frequent ones first.
-        not_felt: Number of touches that were not felt: no kind was reported.
-        right: Felt ones of which the true kind was reported. Those of a log whose kind the label cannot refute do not
-            count.
+        not_detected: Number of touches that were not detected: no kind was reported.
+        right: Detected ones of which the true kind was reported. Those of a log whose kind the label cannot refute do
+            not count.
         end: Time from the release to the event that reports the end of the contact, and a tap as such [s], where the
             kind is right. ``of`` has those without an end too.
     """
 
     true: Kind
     reported: dict[Kind, int]
-    not_felt: int
-    right: Share
+    not_detected: int
+    right: Fraction
     end: Quantiles
 
 
 @dataclass(frozen=True, kw_only=True)
 class RestAndMotion:
-    """Touches of the row of N90 by what their limb did at the onset: how many of each were felt."""
+    """Touches of the row of N90 by what their limb did at the onset: how many of each were detected."""
 
     law: str
-    rest: Share
-    moving: Share
+    rest: Fraction
+    moving: Fraction
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotFigures:
-    """One robot under one observer: touches of the row of N90 that were felt, false contacts of all takes."""
+class RobotResults:
+    """One robot under one observer: touches of the row of N90 that were detected, false contacts of all takes."""
 
     robot: str
     law: str
     identified: bool
-    felt: Share
+    detected: Fraction
     false: FalseContacts
 
 
 @dataclass(frozen=True, kw_only=True)
 class ObserverSummary:
-    """All figures of one observer.
+    """All results of one observer.
 
     Attributes:
         name: Of the observer.
         robots: Those that it was judged on.
-        left_out: Names of robots of which it did not see every take: they are in no figure.
-        failures: Reasons why it has no result of a take, with the number of takes; their touches count as not felt.
+        left_out: Names of robots of which it did not see every take: they are in no result.
+        failures: Reasons why it has no result of a take, with the number of takes; their touches count as not
+            detected.
         cells: By law, place and state; empty if they were not asked for.
         groups: By law, place and group of states.
         rows: Of the other rows.
@@ -369,12 +370,12 @@ class ObserverSummary:
     """
 
     name: str
-    robots: tuple[RobotFigures, ...]
+    robots: tuple[RobotResults, ...]
     left_out: tuple[str, ...]
     failures: dict[str, int]
     cells: tuple[Cell, ...]
     groups: tuple[Cell, ...]
-    rows: tuple[RowShare, ...]
+    rows: tuple[RowFraction, ...]
     false: tuple[FalseGroup, ...]
     located: tuple[Located, ...]
     delays: tuple[Delays, ...]
@@ -407,10 +408,10 @@ class ObserverSummary:
         found: Forces | None = _found(self.forces, law=law, place=place, state=state)
         return found
 
-    def felt(self, law: str = ALL) -> Share:
-        """Return the share of touches of the row of N90 that were felt."""
-        robots = [robot.felt for robot in self.robots if law in (ALL, robot.law)]
-        return Share.counted(sum(felt.count for felt in robots), sum(felt.of for felt in robots))
+    def detected(self, law: str = ALL) -> Fraction:
+        """Return the fraction of touches of the row of N90 that were detected."""
+        parts = [robot.detected for robot in self.robots if law in (ALL, robot.law)]
+        return Fraction.counted(sum(part.count for part in parts), sum(part.of for part in parts))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -451,12 +452,12 @@ class LoweredForces:
     place: str
     lowered: int
     of: int
-    largest: float
+    max_force: float
 
 
 @dataclass(frozen=True, kw_only=True)
 class TouchSummary:
-    """All figures of a split.
+    """All results of a split.
 
     Attributes:
         robots: In the order of the records.
@@ -474,7 +475,7 @@ class TouchSummary:
     lowered: tuple[LoweredForces, ...]
 
     def observer(self, name: str) -> ObserverSummary | None:
-        """Return the figures of an observer that was judged on at least one robot; None otherwise."""
+        """Return the results of an observer that was judged on at least one robot; None otherwise."""
         found = _found(self.observers, name=name)
         return found if found is not None and found.robots else None
 

@@ -169,7 +169,7 @@ class Performance:
     """A take with all that observers may see of it, and the true torques.
 
     Attributes:
-        take: Its record, without hearings.
+        take: Its record, without those of observers.
         recording: Ticks; None of a take that failed.
         true_torque: (n, 17) external torque on each joint [N m].
     """

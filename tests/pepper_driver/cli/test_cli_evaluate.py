@@ -45,27 +45,27 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_episode_from_simulation_to_page(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    figures, page, cache = (
+    results, page, cache = (
         tmp_path / "f.json",
         tmp_path / "docs" / "results.md",
         tmp_path / "episodes",
     )
     arguments = ["evaluate", "--suite", "paper", "--observer", "paper,oracle", "--workers", "1"]
-    arguments += ["--json", str(figures), "--cache", str(cache), "--report", str(page)]
+    arguments += ["--json", str(results), "--cache", str(cache), "--report", str(page)]
     assert run(arguments) == 0
     shown = capsys.readouterr().out
     assert "in simulation" in shown
     assert "LSRoll, FP/FN/TP" in shown
-    content = json.loads(figures.read_text())
+    content = json.loads(results.read_text())
     assert set(content["modes"]) == {"paper-affine", "oracle"}
     for mode in content["modes"].values():
         table = mode["suites"]["paper"]["table1"]
         total = table["total"]
         assert total == table["LSRoll"]
         assert (total["fp"], total["fn"] + total["tp"]) == (0, 2)
-    assert page.read_text().startswith("*All figures here are simulated. `pepper evaluate --suite")
+    assert page.read_text().startswith("*All results here are simulated. `pepper evaluate --suite")
     assert (tmp_path / "docs" / "results" / "figure3.png").exists()
-    # Once more from the cache: nothing is simulated, and the figures are the same.
+    # Once more from the cache: nothing is simulated, and the results are the same.
     again = tmp_path / "again.json"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(episodes, "_performed", None)
@@ -75,7 +75,7 @@ def test_a_episode_from_simulation_to_page(
 
 
 @pytest.mark.usefixtures("short")
-def test_a_failed_episode_is_told_and_is_exit_code_1(
+def test_a_failed_episode_is_reported_and_is_exit_code_1(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def falls(*_: object) -> None:
@@ -90,7 +90,7 @@ def test_a_failed_episode_is_told_and_is_exit_code_1(
 
 
 def labelled(path: Path, *, labels: bool = True) -> Path:
-    """A log in which the left arm is pushed from 1.0 to 1.8 s, and somebody says so."""
+    """A log in which the left arm is pushed from 1.0 to 1.8 s, with a label."""
     with Pepper("mujoco://?seed=3", observer=None, robot=ROBOT) as pepper:
         metadata = {"identity": pepper.backend.info.identity}
         with LogWriter(path, ROBOT, metadata, lossless=True) as log:
@@ -117,9 +117,9 @@ def labelled(path: Path, *, labels: bool = True) -> Path:
     return path
 
 
-def observer_of(figures: Path, name: str) -> dict[str, Any]:
-    """Return the figures of one observer of a file of figures."""
-    observers: list[dict[str, Any]] = json.loads(figures.read_text())["observers"]
+def observer_of(results: Path, name: str) -> dict[str, Any]:
+    """Return the results of one observer of a file of results."""
+    observers: list[dict[str, Any]] = json.loads(results.read_text())["observers"]
     return next(one for one in observers if one["name"] == name)
 
 
@@ -136,13 +136,13 @@ def false_of(observer: dict[str, Any]) -> dict[str, Any]:
 
 def test_labelled_recordings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log, bare = labelled(tmp_path / "a.mcap"), labelled(tmp_path / "b.mcap", labels=False)
-    figures, page = tmp_path / "f.json", tmp_path / "r.md"
-    arguments = ["evaluate", "--observer", "paper", "--workers", "1", "--json", str(figures)]
+    results, page = tmp_path / "f.json", tmp_path / "r.md"
+    arguments = ["evaluate", "--observer", "paper", "--workers", "1", "--json", str(results)]
     arguments += ["--report", str(page), "--log", str(log)]
     assert run(arguments) == 0
-    observer = observer_of(figures, "paper-affine")
+    observer = observer_of(results, "paper-affine")
     (robot,) = observer["robots"]
-    assert (robot["felt"]["count"], robot["felt"]["of"]) == (1, 1)
+    assert (robot["detected"]["count"], robot["detected"]["of"]) == (1, 1)
     false = false_of(observer)
     assert false["begins"] == 0
     # Left arm 0.8 s and the grace of 0.3 s of the 3 s, the other three limbs all the time.
@@ -150,32 +150,32 @@ def test_labelled_recordings(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     text = page.read_text()
     assert "simulated" not in text.splitlines()[0]
     assert "1 of 1" in capsys.readouterr().out
-    # A second one, without labels, is told; the first still counts.
+    # A second one, without labels, is reported; the first still counts.
     assert run([*arguments, str(bare)]) == 1
     assert "has no labelled touch" in capsys.readouterr().out
-    assert observer_of(figures, "paper-affine")["robots"][0]["felt"]["count"] == 1
+    assert observer_of(results, "paper-affine")["robots"][0]["detected"]["count"] == 1
 
 
 def test_a_simulated_run_needs_no_labels(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    log, figures = tmp_path / "a.mcap", tmp_path / "f.json"
+    log, results = tmp_path / "a.mcap", tmp_path / "f.json"
     with Pepper("mujoco://?seed=3", observer=None, robot=ROBOT, log=log) as pepper:
         pepper.push("LForeArm", [0.0, 29.0, 0.0], duration=0.8, delay=1.0)
         pepper.run(3.0)
-        pepper.push("base_link", [1.0, 0.0, 0.0], duration=0.3)  # too light to be felt
+        pepper.push("base_link", [1.0, 0.0, 0.0], duration=0.3)  # too light to be detected
         pepper.run(1.0)
-    assert run(["evaluate", "--workers", "1", "--json", str(figures), "--log", str(log)]) == 0
+    assert run(["evaluate", "--workers", "1", "--json", str(results), "--log", str(log)]) == 0
     assert "1 of 2" in capsys.readouterr().out
-    observer = observer_of(figures, "paper-affine")
-    names = {one["name"] for one in json.loads(figures.read_text())["observers"]}
+    observer = observer_of(results, "paper-affine")
+    names = {one["name"] for one in json.loads(results.read_text())["observers"]}
     assert names == {"fusion", "paper-affine", "paper-cart", "momentum"}, "no oracle of a recording"
     (robot,) = observer["robots"]
-    assert (robot["felt"]["count"], robot["felt"]["of"]) == (1, 2)
+    assert (robot["detected"]["count"], robot["detected"]["of"]) == (1, 2)
     assert false_of(observer)["begins"] == 0
     # N90 of each state is computed for the first observer alone.
-    cells = observer_of(figures, "fusion")["cells"]
-    places = {cell["place"]: cell["felt"]["count"] for cell in cells}
+    cells = observer_of(results, "fusion")["cells"]
+    places = {cell["place"]: cell["detected"]["count"] for cell in cells}
     assert places == {"forearm": 1, "elsewhere": 0}
 
 
@@ -185,19 +185,20 @@ def test_robots_of_a_split_from_touch_to_page(
     monkeypatch.setattr(split, "identify_population", identified)
     monkeypatch.setattr(Judging, "specs", two_takes)
     monkeypatch.setattr(command, "_reference", lambda *_: None)  # minutes
-    figures, page = tmp_path / "f.json", tmp_path / "r.md"
+    results, page = tmp_path / "f.json", tmp_path / "r.md"
     arguments = ["evaluate", "--split", "development", "--draws", f"0,{FAILS}", "--workers", "1"]
     arguments += ["--observer", "fusion,momentum", "--folder", str(tmp_path / "work")]
-    assert run([*arguments, "--json", str(figures), "--report", str(page)]) == 1
+    assert run([*arguments, "--json", str(results), "--report", str(page)]) == 1
     shown = capsys.readouterr().out
-    assert "as a user hears it" in shown
+    assert "by the events of a program" in shown
     assert (
-        f"failed: random {FAILS}: not identified, its touches count as not felt: it broke" in shown
+        f"failed: random {FAILS}: not identified, its touches count as not detected: it broke"
+        in shown
     )
-    content = json.loads(figures.read_text())
+    content = json.loads(results.read_text())
     assert (content["split"], content["look"]) == ("development", None)
     for name in ("fusion", "momentum"):
-        robots = {r["robot"]: r["felt"]["of"] for r in observer_of(figures, name)["robots"]}
+        robots = {r["robot"]: r["detected"]["of"] for r in observer_of(results, name)["robots"]}
         assert set(robots) == {"random 0", f"random {FAILS}"}
     text = page.read_text()
     assert "Development split" in text
@@ -244,7 +245,7 @@ def test_wrong_input_is_one_line(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert run(["evaluate", *arguments]) == 2
-    told = capsys.readouterr().err
-    assert told.count("\n") == 1
-    assert words in told
+    reported = capsys.readouterr().err
+    assert reported.count("\n") == 1
+    assert words in reported
     assert not list(tmp_path.iterdir())

@@ -56,7 +56,7 @@ def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
     save_state(folder / STATE, hour.done("free", {"false_contacts": 1}).done("pack", {}))
     for part in ("rest", "free"):
         with Pepper("mujoco", observer=None, log=folder / PLACES[part]) as pepper:
-            if part == "free":  # someone touches it although nobody should
+            if part == "free":  # someone touches it although it is to be left alone
                 pepper.push("Head", (-8.0, 0.0, 0.0), SENSOR.xyz, 0.5, delay=0.5)
             pepper.run(1.5)
     record_labelled(
@@ -66,10 +66,10 @@ def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def evaluate(path: Path, tmp_path: Path, *more: str) -> tuple[int, dict[str, Any]]:
-    figures = tmp_path / "f.json"
+    results = tmp_path / "f.json"
     arguments = ["evaluate", "--observer", "fusion,error", "--workers", "1"]
-    status = run([*arguments, "--json", str(figures), "--log", str(path), *more])
-    return status, json.loads(figures.read_text())
+    status = run([*arguments, "--json", str(results), "--log", str(path), *more])
+    return status, json.loads(results.read_text())
 
 
 def drawn_look() -> tuple[Look, tuple[RobotRecord, ...]]:
@@ -90,7 +90,7 @@ def drawn_look() -> tuple[Look, tuple[RobotRecord, ...]]:
     return look, (drawn_robot(100, "nominal", middles, false={"fusion": 2.0}),)
 
 
-def test_from_an_archive_to_the_page_beside_the_last_look(
+def test_from_an_archive_to_the_page_with_the_last_look(
     bundle: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -111,7 +111,7 @@ def test_from_an_archive_to_the_page_beside_the_last_look(
     assert {observer["name"] for observer in content["observers"]} == {"fusion", "error"}
     fusion = content["observers"][0]
     # Its own models detect the push of 20 N; one of 1.5 N is hidden by friction.
-    assert fusion["robots"][0]["felt"]["count"] == 1
+    assert fusion["robots"][0]["detected"]["count"] == 1
     (cell,) = fusion["cells"]
     assert (cell["place"], cell["state"]) == ("head", "standing")
     assert [force["asked"] for force in cell["forces"]] == [2.0, 20.0]
@@ -131,7 +131,7 @@ def test_from_an_archive_to_the_page_beside_the_last_look(
         in text
     )
     assert "Head/Touch/Front was pressed 1 times: someone may have touched" in text
-    assert "## Beside simulated robots" in text
+    assert "## Compared with simulated robots" in text
     assert "look 3 (draws 100)" in text
     assert "simulated, `nominal`: N90 [N]" in text
     for section in ("Touch at a glance", "False contacts", "Limits", "Looks at the test robots"):
@@ -140,7 +140,7 @@ def test_from_an_archive_to_the_page_beside_the_last_look(
     assert "a SIMULATED robot" in capsys.readouterr().out
 
 
-def test_of_unknown_forces_shares_and_no_n90(
+def test_of_unknown_forces_fractions_and_no_n90(
     bundle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     own = shutil.copytree(bundle, tmp_path / "own")
@@ -154,18 +154,18 @@ def test_of_unknown_forces_shares_and_no_n90(
     status, content = evaluate(own, tmp_path, "--report", str(page))
     assert status == 0
     (cell,) = content["observers"][0]["cells"]
-    assert (cell["n90"], cell["forces"], cell["felt"]["count"]) == (None, [], 1)
+    assert (cell["n90"], cell["forces"], cell["detected"]["count"]) == (None, [], 1)
     text = page.read_text()
-    assert text.startswith("*All figures here are from recordings.")
+    assert text.startswith("*All results here are from recordings.")
     assert "own: a REAL robot" in text
-    assert "of none of them the force is known, so there are shares and no N90" in text
+    assert "of none of them the force is known, so there are fractions and no N90" in text
     assert "| head, standing | 0.50 (0.09-0.91), 1 of 2 |" in text
     assert "No look at the simulated test robots is complete here" in text
-    assert "Beside simulated robots" not in text
-    assert "In simulation: no figure here is of a real robot" not in text
+    assert "Compared with simulated robots" not in text
+    assert "In simulation: no result here is of a real robot" not in text
 
 
-def test_a_bundle_whose_touches_have_no_label_is_told_and_the_other_counts(
+def test_a_bundle_whose_touches_have_no_label_is_reported_and_the_other_counts(
     bundle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     other = shutil.copytree(bundle, tmp_path / "other")
@@ -225,7 +225,7 @@ def test_what_does_not_go_together_is_one_line(
     damaged = tmp_path / "x.zip"
     damaged.write_bytes(b"PK\x03\x04 no archive")
     cases = {
-        (str(bundle), str(bundle / "rest.mcap")): "a log beside bundles of a first hour",
+        (str(bundle), str(bundle / "rest.mcap")): "a log among bundles of a first hour",
         (str(bundle), str(bundle)): "this bundle is given twice",
         (str(bundle), "--models", str(bundle / "models.json")): "has the models of its own robot",
         (str(bundle), "--observer", "fusin"): "unknown observer 'fusin'",

@@ -171,7 +171,7 @@ def test_a_robot_that_falls_gives_no_episode() -> None:
         perform(pushed_over())
 
 
-def test_a_run_in_which_the_robot_fell_is_drawn_anew(
+def test_a_run_in_which_the_robot_fell_is_drawn_again(
     episode: Episode, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     drawn: list[int] = []

@@ -30,13 +30,13 @@ PAPER = ObserversUnderTest(modes=("paper-affine", "paper-cart"))
 FIT_KINDS = ("estimation", "test")
 
 
-def touched(suite: str, experiment: str, felt: int) -> Episode:
-    """An episode with two pushes; the first ``felt`` of them move the joint by 6 degrees, the other way."""
+def touched(suite: str, experiment: str, detected: int) -> Episode:
+    """An episode with two pushes; the first ``detected`` of them move the joint by 6 degrees, the other way."""
     pushes = [push(2.0), push(6.0)]
     make = partial(make_episode, pushes, seconds=SECONDS, suite=suite, experiment=experiment)
     episode = make()
     error = np.zeros(len(episode.recording))
-    for one in pushes[:felt]:
+    for one in pushes[:detected]:
         error[
             (episode.recording.time > one.onset) & (episode.recording.time < one.release)
         ] = -0.105
@@ -52,7 +52,7 @@ def swept(stiffness: float) -> Episode:
 
 
 def broken() -> Episode:
-    raise RuntimeError("the file\nis gone")
+    raise RuntimeError("the file\nis missing")
 
 
 def job(suite: str, make: Callable[[], Episode], pictured: str | None = None) -> Job:
@@ -97,7 +97,7 @@ def test_the_json_is_plain(result: EvaluationResult) -> None:
 
 def test_a_episode_that_fails_costs_no_other(result: EvaluationResult) -> None:
     assert [(f.title, f.reason) for f in result.failures] == [
-        ("types, an episode", "RuntimeError: the file is gone")
+        ("types, an episode", "RuntimeError: the file is missing")
     ]
     assert len(result.episodes) == 6
 
@@ -144,7 +144,7 @@ def test_the_report(result: EvaluationResult, tmp_path: Path) -> None:
         assert (tmp_path / "docs" / "results" / name).stat().st_size < 150_000
 
 
-def test_pictures_of_an_earlier_run_are_gone(tmp_path: Path) -> None:
+def test_pictures_of_an_earlier_run_are_removed(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     for name in ("figure3.png", "mine.png"):
         (tmp_path / name).write_bytes(b"old")

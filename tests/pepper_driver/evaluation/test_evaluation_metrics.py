@@ -1,4 +1,4 @@
-"""Figures of hand-made episodes, against what one counts by hand."""
+"""Results of hand-made episodes, against what one counts by hand."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -62,20 +62,20 @@ def test_fit_by_joint_and_speed_and_the_gap() -> None:
     n = round(12.0 / CYCLE)
     error = 0.05 * np.sin(np.arange(n) * 0.1)
 
-    def score(share: float, stiffness: float) -> EpisodeScore:
+    def score(fraction: float, stiffness: float) -> EpisodeScore:
         episode = make_episode(suite="fit", experiment=JOINT, task_stiffness=stiffness, error=error)
         expected = np.zeros((n, JOINTS))
-        expected[:, INDEX] = error.mean() + share * (error - error.mean())
+        expected[:, INDEX] = error.mean() + fraction * (error - error.mean())
         return scored(episode, expected=expected)
 
-    def result(*shares: float) -> Metrics:
-        return summarise([score(s, k) for s, k in zip(shares, (2.0, 5.0, 9.0), strict=True)])
+    def result(*fractions: float) -> Metrics:
+        return summarise([score(s, k) for s, k in zip(fractions, (2.0, 5.0, 9.0), strict=True)])
 
     fit = result(0.7, 0.8, 0.6).fit
     assert list(fit) == [JOINT]
     assert fit[JOINT].estimation == pytest.approx(75.0)
     assert fit[JOINT].test == pytest.approx(60.0)
-    ours, affine, oracle = (result(0.5, 0.5, share) for share in (0.85, 0.7, 0.9))
+    ours, affine, oracle = (result(0.5, 0.5, fraction) for fraction in (0.85, 0.7, 0.9))
     assert with_gap_closed(ours, affine, oracle).fit_gap_closed == {JOINT: pytest.approx(0.75)}
     assert with_gap_closed(ours, None, oracle).fit_gap_closed == {}
     assert with_gap_closed(ours, oracle, affine).fit_gap_closed == {}

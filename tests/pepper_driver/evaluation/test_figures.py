@@ -1,4 +1,4 @@
-"""Figures of an evaluation: what is drawn of hand-made traces."""
+"""Figures of an evaluation: drawings of hand-made traces."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def test_onsets_elsewhere_look_different() -> None:
     assert sum("elsewhere" in str(line.get_label()) for line in axes.lines) == 2
 
 
-def test_each_prediction_is_seen_beside_the_measurement() -> None:
+def test_each_prediction_is_drawn_with_the_measurement() -> None:
     figure = fit_figure([trace("fusion"), trace("paper-affine"), trace("oracle")])
     lower = panels(figure, "tracking error")
     assert [drawn(axes) - {"measured"} for axes in lower] == [

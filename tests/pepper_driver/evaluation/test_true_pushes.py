@@ -55,7 +55,7 @@ def scored(episode: Episode) -> ContactScore:
 
 
 def at(*places: tuple[str, float], y: float = 0.0) -> tuple[PushPoint, ...]:
-    """Points along links of the arm, or beside their axis."""
+    """Points along links of the arm, or next to their axis."""
     return tuple(PushPoint(link=link, xyz=(x, y, 0.0)) for link, x in places)
 
 

@@ -15,9 +15,9 @@ from pepper_driver.config.file_lock import InUseError, lock_file
 from pepper_driver.evaluation.touch import ledger as module
 from pepper_driver.evaluation.touch.ledger import (
     COLUMNS,
-    Figures,
     LedgerError,
     Look,
+    MainResults,
     begin_look,
     check_whole,
     code_hash,
@@ -33,7 +33,7 @@ from support.repositories import git, make_repository
 
 BEGUN = datetime(2026, 3, 1, 20, 15, 30, tzinfo=UTC)
 ENDED = BEGUN + timedelta(hours=11)
-FIGURES = Figures(
+RESULTS = MainResults(
     false_contacts=20,
     hours=30.0,
     n90_standing_nominal=math.inf,
@@ -69,34 +69,34 @@ def test_a_look_is_a_line_from_its_begin_to_its_end(path: Path) -> None:
     assert look.numbers == tuple(range(100, 120))
     update_look(path, 1, robots_done=13)
     assert read_ledger(path) == (replace(look, robots_done=13),)
-    done = complete_look(path, 1, FIGURES, now=ENDED.astimezone(timezone(timedelta(hours=2))))
+    done = complete_look(path, 1, RESULTS, now=ENDED.astimezone(timezone(timedelta(hours=2))))
     assert read_ledger(path) == (done,)
     assert path.read_text().splitlines()[1] == (
         "1,2026-03-01T20:15:30+00:00,2026-03-02T07:15:30+00:00,c0ffee,aaaa,bbbb,5555,100-119,complete,20,20,"
         '20,30,0.6667,>30,18.23,9,,143.7,"today\'s observer, as it is"'
     )
-    assert done.figures.false_per_hour == pytest.approx(2 / 3)
-    assert done.figures.n90_standing_nominal == math.inf
+    assert done.results.false_per_hour == pytest.approx(2 / 3)
+    assert done.results.n90_standing_nominal == math.inf
     assert done.ended == ENDED
-    assert Figures(false_contacts=1, hours=0.0).false_per_hour is None
+    assert MainResults(false_contacts=1, hours=0.0).false_per_hour is None
 
 
 def test_only_its_own_line_is_rewritten(path: Path) -> None:
     begin(path)
-    complete_look(path, 1, FIGURES, now=ENDED)
+    complete_look(path, 1, RESULTS, now=ENDED)
     # As another program writes the same line.
     header, line = path.read_text().splitlines()
     quoted = line.replace("c0ffee", '"c0ffee"')
     path.write_text(f"{header}\n{quoted}\n")
     second = begin(path, code="cccc")
-    complete_look(path, second.look, FIGURES, note="after a change", now=ENDED)
+    complete_look(path, second.look, RESULTS, note="after a change", now=ENDED)
     lines = path.read_text().splitlines()
     assert lines[:2] == [header, quoted]
     assert lines[2].endswith(",after a change")
     before = path.read_bytes()
     for number, text in ((1, "look 1 is complete"), (3, "no look 3"), (0, "no look 0")):
         with pytest.raises(LedgerError, match=text):
-            complete_look(path, number, FIGURES)
+            complete_look(path, number, RESULTS)
     assert path.read_bytes() == before
 
 
@@ -120,9 +120,9 @@ def test_a_damaged_line_is_named_and_never_repaired(
     path: Path, wrong: tuple[str, str], text: str
 ) -> None:
     begin(path)
-    complete_look(path, 1, FIGURES, now=ENDED)
+    complete_look(path, 1, RESULTS, now=ENDED)
     begin(path, code="cccc")
-    complete_look(path, 2, FIGURES, now=ENDED)
+    complete_look(path, 2, RESULTS, now=ENDED)
     whole = path.read_text()
     at = whole.rindex(wrong[0])
     damaged = whole[:at] + wrong[1] + whole[at + len(wrong[0]) :]
@@ -158,9 +158,9 @@ def test_nothing_wrong_is_written(path: Path) -> None:
     begin(path)
     before = path.read_bytes()
     with pytest.raises(LedgerError, match="'delay_ms' is 'nan'"):
-        complete_look(path, 1, replace(FIGURES, delay_ms=math.nan))
+        complete_look(path, 1, replace(RESULTS, delay_ms=math.nan))
     with pytest.raises(LedgerError, match="'hours' is"):
-        complete_look(path, 1, replace(FIGURES, hours=math.inf))
+        complete_look(path, 1, replace(RESULTS, hours=math.inf))
     with pytest.raises(LedgerError, match="fewer than are done"):
         update_look(path, 1, robots_done=21)
     assert path.read_bytes() == before
@@ -170,7 +170,7 @@ def test_one_run_writes_at_a_time(path: Path) -> None:
     begin(path)
     with lock_file(path), pytest.raises(InUseError, match="is being written by"):
         update_look(path, 1, robots_done=1)
-    complete_look(path, 1, FIGURES)
+    complete_look(path, 1, RESULTS)
     results: list[object] = []
 
     def run(code: str) -> None:
@@ -196,7 +196,7 @@ def test_one_run_writes_at_a_time(path: Path) -> None:
 def test_draws_are_looked_at_once(path: Path) -> None:
     """Refused without a change; the next hundred after one; also where the change is of constants or suites alone."""
     begin(path)
-    complete_look(path, 1, FIGURES)
+    complete_look(path, 1, RESULTS)
     with pytest.raises(LedgerError, match=r"already looked at on 2026-03-01 .*100-119.*look-1"):
         begin(path)
     with pytest.raises(LedgerError, match="already looked at"):
@@ -204,7 +204,7 @@ def test_draws_are_looked_at_once(path: Path) -> None:
     for number, changed in enumerate(("code", "constants", "suites"), 2):
         look = begin(path, **dict[str, Any]({changed: "cc"}))
         assert look.numbers == tuple(range(100 * number, 100 * number + 20))
-        complete_look(path, look.look, FIGURES)
+        complete_look(path, look.look, RESULTS)
     assert look_folder(path, 4) == path.parent / "look-4"
 
 
@@ -219,11 +219,11 @@ def test_an_unfinished_look_is_resumed_on_its_own_line(path: Path) -> None:
     ):
         begin(path, code="cccc")
     assert path.read_bytes() == before
-    # Its draws may have been seen: they are gone, also when nothing has changed.
+    # Its draws may have been seen: they are not used again, also when nothing has changed.
     second = begin(path, give_up=True)
     assert second.draws == "200-219"
     assert read_ledger(path) == (resumed, second)
-    complete_look(path, 2, FIGURES)
+    complete_look(path, 2, RESULTS)
     assert begin(path, code="cccc").draws == "300-319"
 
 
@@ -276,7 +276,7 @@ def test_hashes_cover_code_and_settings_apart(
     monkeypatch.setattr(
         module, "load_evaluation_baselines", lambda: replace(baselines, chosen_on="other takes")
     )
-    assert constants_hash() in hashes  # a reason in words changes no figure
+    assert constants_hash() in hashes  # a reason in words changes no result
 
 
 # -- branches ---------------------------------------------------------------------------------------------------------

@@ -71,7 +71,7 @@ def test_a_look_has_its_line_from_its_begin_and_is_completed(judging: Judging, r
         "first",
     )
     assert line.commit == git(root, "rev-parse", "HEAD")
-    assert line.figures.hours is not None
+    assert line.results.hours is not None
     assert records_of_look(root, line) == records
     with pytest.raises(LedgerError, match="already looked at"):
         look(judging, root)

@@ -31,18 +31,18 @@ def drawn(
     for robot in range(robots):
         own = math.log(middle) + spread * rng.standard_normal()
         for force in FORCES:
-            share = (1 - lapse) / (1 + math.exp(-(math.log(force) - own) / slope))
+            fraction = (1 - lapse) / (1 + math.exp(-(math.log(force) - own) / slope))
             touches += [
-                ForceTouch(force, bool(rng.random() < share), f"r{robot}") for _ in range(each)
+                ForceTouch(force, bool(rng.random() < fraction), f"r{robot}") for _ in range(each)
             ]
     return touches
 
 
-def expected(robot: str, shares: dict[float, float], of: int) -> list[ForceTouch]:
-    """Touches with just these shares felt."""
+def expected(robot: str, fractions: dict[float, float], of: int) -> list[ForceTouch]:
+    """Touches of which just these fractions are detected."""
     return [
-        ForceTouch(force, number < round(share * of), robot)
-        for force, share in shares.items()
+        ForceTouch(force, number < round(fraction * of), robot)
+        for force, fraction in fractions.items()
         for number in range(of)
     ]
 
@@ -63,11 +63,11 @@ def test_the_curve_behind_many_touches_is_found(middle: float, slope: float, lap
 
 
 @pytest.mark.parametrize(
-    ("shares", "text"),
+    ("fractions", "text"),
     [
         (curve(20.0, 0.3, 0.0), "> 30"),
         (dict.fromkeys(FORCES, 0.0), "> 30"),
-        # Stronger touches do not help: one in seven is not felt at any force.
+        # Stronger touches do not help: one in seven is not detected at any force.
         (curve(4.0, 0.2, 0.15), "> 30"),
         (dict.fromkeys(FORCES, 1.0), "< 2"),
         (curve(0.9, 0.2, 0.0), "< 2"),
@@ -76,13 +76,15 @@ def test_the_curve_behind_many_touches_is_found(middle: float, slope: float, lap
         (dict.fromkeys((5.0, 8.0), 1.0), "< 5"),
     ],
 )
-def test_what_is_not_reached_and_what_is_always_felt(shares: dict[float, float], text: str) -> None:
-    result = n90([t for robot in "ab" for t in expected(robot, shares, 200)])
+def test_a_force_that_is_not_reached_and_one_that_is_always_detected(
+    fractions: dict[float, float], text: str
+) -> None:
+    result = n90([t for robot in "ab" for t in expected(robot, fractions, 200)])
     assert result.text == text
     if text.startswith("<"):
         assert result.below
-        assert result.newtons == result.low == result.least == float(text[2:])
-        assert result.worst == result.least
+        assert result.newtons == result.low == result.min_force == float(text[2:])
+        assert result.worst == result.min_force
     else:
         assert not result.below
         assert result.newtons == result.high == result.worst == math.inf
@@ -93,7 +95,7 @@ def test_of_equal_curves_the_worst_counts() -> None:
     # Any middle between 2 and 30 N explains this.
     result = n90([ForceTouch(2.0, False, "a"), ForceTouch(30.0, True, "a")] * 10)
     assert 14.0 < result.newtons <= 30.0
-    # One touch that is not felt tells nothing of stronger ones.
+    # One touch that is not detected says nothing of stronger ones.
     assert n90([ForceTouch(2.0, False, "a")]).newtons == math.inf
 
 
@@ -159,8 +161,8 @@ def test_text() -> None:
         robots=2,
         lapse=0.0,
         slope=0.3,
-        least=2.0,
-        most=30.0,
+        min_force=2.0,
+        max_force=30.0,
         below=False,
     )
     assert values.text == "7.4 (6.1-9.0)"
@@ -181,13 +183,13 @@ def test_text() -> None:
     slope=st.sampled_from((0.08, 0.3, 1.0)),
     lapse=st.sampled_from((0.0, 0.05)),
 )
-def test_one_more_felt_never_raises_n90(
+def test_one_more_detection_never_raises_n90(
     answers: list[tuple[float, bool, str]], place: int, slope: float, lapse: float
 ) -> None:
-    # With the slope given: a weak touch that is felt flattens a free curve, and moves its upper end up.
+    # With the slope given: a weak touch that is detected flattens a free curve, and moves its upper end up.
     before = [ForceTouch(*answer) for answer in answers]
     after = list(before)
-    after[place % len(after)] = after[place % len(after)]._replace(felt=True)
+    after[place % len(after)] = after[place % len(after)]._replace(detected=True)
 
     def value(touches: list[ForceTouch]) -> float:
         return n90(touches, slopes=(slope,), lapses=(lapse,)).newtons
@@ -207,8 +209,8 @@ def test_bad_input() -> None:
 def test_recall_by_force() -> None:
     touches = [ForceTouch(8.0, n < 3, "a") for n in range(4)] + [ForceTouch(2.0, False, "b")]
     weak, strong = recall_by_force(touches)
-    assert (weak.force, weak.felt, weak.of, weak.share) == (2.0, 0, 1, 0.0)
-    assert (strong.force, strong.felt, strong.of, strong.share) == (8.0, 3, 4, 0.75)
+    assert (weak.force, weak.detected, weak.of, weak.fraction) == (2.0, 0, 1, 0.0)
+    assert (strong.force, strong.detected, strong.of, strong.fraction) == (8.0, 3, 4, 0.75)
     assert (strong.low, strong.high) == wilson_interval(3, 4)
     assert recall_by_force([]) == ()
 
@@ -228,8 +230,8 @@ def test_poisson_interval(count: int, hours: float) -> None:
     assert poisson_interval(count, 0.0) == (0.0, math.inf)
 
 
-def test_a_lapse_rate_is_that_of_ten_more_touches_that_were_felt() -> None:
-    """3 of 21 strong touches are missed: with ten more that are felt a tenth, of which 0.08 is the nearest rate."""
+def test_a_lapse_rate_is_that_of_ten_more_touches_that_were_detected() -> None:
+    """3 of 21 strong touches are missed: with ten more detections a tenth, of which 0.08 is the nearest rate."""
     touches = [ForceTouch(2.0, False, "a") for _ in range(7)]
     touches += [
         ForceTouch(force, number > 0, "a") for force in (10.0, 20.0, 30.0) for number in range(7)

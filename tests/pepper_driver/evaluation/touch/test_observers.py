@@ -208,11 +208,11 @@ def test_without_adaptation_thresholds_are_those_identified() -> None:
     """Joints of a limb are judged together: their thresholds are lower by one factor."""
     fixed = observe(made("fusion-without-adaptation"), recording(8.0))
     ours = observe(made("fusion"), recording(8.0))
-    share, own = fixed[-1].threshold / thresholds(REST), ours[-1].threshold / thresholds(REST)
+    fraction, own = fixed[-1].threshold / thresholds(REST), ours[-1].threshold / thresholds(REST)
     for joints in ROBOT.limbs.values():
         limb = [ROBOT.joint_index(joint) for joint in joints]
-        assert share[limb].max() <= 1.0 + 1e-9
-        assert np.ptp(share[limb]) < 1e-9
+        assert fraction[limb].max() <= 1.0 + 1e-9
+        assert np.ptp(fraction[limb]) < 1e-9
     assert (
         max(np.ptp(own[[ROBOT.joint_index(j) for j in limb]]) for limb in ROBOT.limbs.values())
         > 1e-3
@@ -274,7 +274,7 @@ def test_without_confirmation_a_push_on_the_base_lowers_no_threshold() -> None:
     np.testing.assert_allclose(ours[:100], without[:100])
 
 
-def test_without_the_base_nobody_feels_that_wheels_are_turned() -> None:
+def test_without_the_base_turned_wheels_are_not_detected() -> None:
     wheels = np.zeros((len(RUN), 3))
     wheels[100:200] = 3.0
     pushed = replace(recording(len(RUN) * CYCLE), wheel_speed=wheels)
@@ -362,7 +362,7 @@ def test_torques_are_means_over_the_plateau_of_joints_that_turn() -> None:
     found = watch_all(script, STILL, [late, TOUCH], ROBOT, true_torque=true)["script"].torques
     assert [(t.touch, t.joint, t.true, t.estimate) for t in found] == [(1, JOINT, 4.0, 3.0)]
     assert not watch_all(script, STILL, [TOUCH], ROBOT)["script"].torques
-    # A tap has no rise to speak of, and is taken to need as long as the least one.
+    # A tap has no rise to speak of, and is taken to need the minimum rise.
     tap = replace(TOUCH, rise=0.0, onset=2.1, release=2.9)
     assert watch_all(script, STILL, [tap], ROBOT, true_torque=true)["script"].torques == (
         replace(found[0], touch=0),
@@ -371,7 +371,7 @@ def test_torques_are_means_over_the_plateau_of_joints_that_turn() -> None:
         watch_all(script, STILL, [TOUCH], ROBOT, true_torque=true[1:])
 
 
-def test_thresholds_are_those_of_a_robot_that_nobody_touches() -> None:
+def test_thresholds_are_those_of_an_untouched_robot() -> None:
     threshold = np.full((len(TIME), JOINTS), np.radians(2.0))
     threshold[(TIME >= 1.0) & (TIME <= 5.3)] = 1.0
     threshold[TIME > 5.3, INDEX] = np.radians(4.0)
@@ -405,13 +405,13 @@ def test_one_that_fails_does_not_cost_the_others(caplog: pytest.LogCaptureFixtur
         (1, "begin", JOINT),
         (1, "end", JOINT),
     ]
-    # Once more: they were reset. Warnings are wanted of a real robot.
+    # Once more: they were reset. Warnings are for real robots.
     again = watch_all(contenders, STILL, [TOUCH], ROBOT, warn=True)
     assert again["good"].events == said["good"].events
     assert len(caplog.records) == len(STILL)
 
 
-def test_an_event_is_heard_in_the_tick_that_reports_it() -> None:
+def test_an_event_is_received_in_the_tick_that_reports_it() -> None:
     end = replace(contact(1, 2.2), phase="end")  # of a contact that fell 0.8 s ago
 
     class Late(Script):
@@ -420,5 +420,5 @@ def test_an_event_is_heard_in_the_tick_that_reports_it() -> None:
             said = (end,) if abs(tick.measurement.time - 3.0) < CYCLE / 2 else ()
             return replace(done, contacts=(*done.contacts, *said))
 
-    heard = watch_all({"late": Late((contact(1, 1.0),))}, STILL, [TOUCH], ROBOT)["late"].events
-    assert [event.time for event in heard] == pytest.approx([1.0, 3.0], abs=CYCLE)
+    events = watch_all({"late": Late((contact(1, 1.0),))}, STILL, [TOUCH], ROBOT)["late"].events
+    assert [event.time for event in events] == pytest.approx([1.0, 3.0], abs=CYCLE)

@@ -17,10 +17,10 @@ from matplotlib.text import Text
 from pepper_driver.evaluation.touch.map import n90_figure, newtons_text
 from pepper_driver.evaluation.touch.n90 import wilson_interval
 from pepper_driver.evaluation.touch.page import (
-    figure,
+    fraction_text,
     ledger_table,
     rate_text,
-    share_text,
+    short_number,
     touch_page,
 )
 from pepper_driver.evaluation.touch.recall import (
@@ -31,7 +31,7 @@ from pepper_driver.evaluation.touch.recall import (
 )
 from pepper_driver.evaluation.touch.records import RobotRecord
 from pepper_driver.evaluation.touch.summary import summarise_touch
-from pepper_driver.evaluation.touch.summary_data import Rate, Share, TouchSummary
+from pepper_driver.evaluation.touch.summary_data import Fraction, Rate, TouchSummary
 from support.evaluation import ROBOT
 from support.touch_records import (
     LINKS,
@@ -39,9 +39,9 @@ from support.touch_records import (
     drawn_robot,
     lasting,
     ours,
+    reported,
     robot,
     take,
-    told,
     touched,
 )
 
@@ -126,7 +126,7 @@ def test_the_page_says_what_the_summary_has() -> None:
         for r in ours(summary).rows
         if (r.row, r.law, r.place) == ("tap of 0.1 s", "nominal", "hand")
     )
-    assert f"| ... hand | {share_text(taps.felt)} |" in page
+    assert f"| ... hand | {fraction_text(taps.detected)} |" in page
     for name in ("`momentum`", "`momentum@matched`", f"`{WITHOUT}`"):
         assert f"| {name} |" in page
     assert "`oracle` was judged on no robot." in page
@@ -134,15 +134,15 @@ def test_the_page_says_what_the_summary_has() -> None:
     assert "Few robots (2 of `nominal`, 2 of `integral`)" in page
 
 
-def test_an_ablation_is_written_as_difference_and_a_baseline_as_figure() -> None:
+def test_an_ablation_is_written_as_difference_and_a_baseline_as_result() -> None:
     page = text(summary_of_drawn())
     ablation, baseline = line(page, f"`{WITHOUT}`"), line(page, "`momentum`")
-    felt, _, alarms = ablation.split("|")[2:5]
-    assert float(felt.split()[0]) < 0.0
+    detected, _, alarms = ablation.split("|")[2:5]
+    assert float(detected.split()[0]) < 0.0
     assert float(alarms.split()[0]) > 0.0
     other = summary_of_drawn().observer("momentum")
     assert other is not None
-    assert share_text(other.felt()) in baseline
+    assert fraction_text(other.detected()) in baseline
 
 
 def test_the_ledger_is_written_with_its_number_of_looks() -> None:
@@ -187,7 +187,7 @@ def test_what_failed_is_named() -> None:
     assert line(page, "trunk").startswith("| trunk | 1 |")
     assert "constants may have been chosen on them" in page
     assert "1 of them could not be identified" in page
-    # No touch of the one robot of its law that could not be identified is felt, and it is no worst one.
+    # No touch of the one robot of its law that could not be identified is detected, and it is no worst one.
     assert line(page, "hand, `integral`") == "| hand, `integral` | > 30 | > 30 | > 30 |"
 
 
@@ -202,7 +202,7 @@ def test_one_robot_has_neither_an_interval_nor_a_worst_one() -> None:
     row = line(page, "hand, `nominal`")
     assert "worst" not in row
     assert "(" not in row
-    assert "## Beside other observers" not in page
+    assert "## Compared with other observers" not in page
     assert "## Without each part" not in page
 
 
@@ -219,9 +219,9 @@ def test_a_page_without_touches_still_has_rules_and_limits(
 
 
 def test_free_takes_alone_have_false_contacts() -> None:
-    hearing = drawn()[0].takes[0].hearings[OURS]
-    hearing = replace(hearing, events=tuple(told(1, 100.0, 101.0, "head")), torques=())
-    page = text(summarise_touch((robot(take((), {OURS: hearing}, suite="free")),), (OURS,), ROBOT))
+    observed = drawn()[0].takes[0].hearings[OURS]
+    observed = replace(observed, events=tuple(reported(1, 100.0, 101.0, "head")), torques=())
+    page = text(summarise_touch((robot(take((), {OURS: observed}, suite="free")),), (OURS,), ROBOT))
     check_tables(page)
     assert "| **head** | 1, 1.0 (0.03-5.6)/h |" in page
 
@@ -229,10 +229,10 @@ def test_free_takes_alone_have_false_contacts() -> None:
 def test_a_log_has_its_places_without_groups_or_simulation(tmp_path: Path) -> None:
     values: dict[str, Any] = {"row": "log", "rise": None, "torque": {}, "friction_bound": None}
     touches = [lasting(touched(0.0, asked=None, **values), onset) for onset in (5.0, 10.0)]
-    hearing = replace(
-        drawn()[0].takes[0].hearings[OURS], events=tuple(told(1, 5.2, 6.0)), torques=()
+    observed = replace(
+        drawn()[0].takes[0].hearings[OURS], events=tuple(reported(1, 5.2, 6.0)), torques=()
     )
-    log = robot(take(touches, {OURS: hearing}, state="log"), law=None, draw=None)
+    log = robot(take(touches, {OURS: observed}, state="log"), law=None, draw=None)
     summary = summarise_touch((log,), (OURS,), ROBOT)
     page = text(summary, simulated=False)
     check_tables(page)
@@ -245,12 +245,14 @@ def test_a_log_has_its_places_without_groups_or_simulation(tmp_path: Path) -> No
 def test_kinds_are_a_table_where_an_observer_reports_them() -> None:
     touches = [touched(5.0 * n, release=5.0 * n + 0.1) for n in range(1, 5)] + [touched(50.0)]
     kinds = {1: "tap", 2: "tap", 3: "push", 10: "push"}
-    events = [e for n, k in kinds.items() for e in told(n, 5.0 * n + 0.06, 5.0 * n + 0.5, kind=k)]
-    hearing = replace(drawn()[0].takes[0].hearings[OURS], events=tuple(events), torques=())
-    page = text(summarise_touch((robot(take(touches, {OURS: hearing})),), (OURS,), ROBOT))
+    events = [
+        e for n, k in kinds.items() for e in reported(n, 5.0 * n + 0.06, 5.0 * n + 0.5, kind=k)
+    ]
+    observed = replace(drawn()[0].takes[0].hearings[OURS], events=tuple(events), torques=())
+    page = text(summarise_touch((robot(take(touches, {OURS: observed})),), (OURS,), ROBOT))
     check_tables(page)
-    assert "| true kind | push | tap | not felt | right, of felt ones | end after" in page
-    right = share_text(Share.counted(2, 3))
+    assert "| true kind | push | tap | not detected | right, of detected ones | end after" in page
+    right = fraction_text(Fraction.counted(2, 3))
     assert line(page, "**tap**") == f"| **tap** | 1 | 2 | 1 | {right} | 400 / 400 ms (2 of 2) |"
     assert line(page, "**push**").startswith("| **push** | 1 | 0 | 0 | 1.00 ")
     # Its observer reports no kinds.
@@ -258,7 +260,7 @@ def test_kinds_are_a_table_where_an_observer_reports_them() -> None:
 
 
 def test_numbers_have_three_digits_at_most() -> None:
-    assert [figure(x) for x in (0.052, 0.52, 7.44, 13.4, 298.1, math.inf)] == [
+    assert [short_number(x) for x in (0.052, 0.52, 7.44, 13.4, 298.1, math.inf)] == [
         "0.05",
         "0.52",
         "7.4",
@@ -266,8 +268,8 @@ def test_numbers_have_three_digits_at_most() -> None:
         "298",
         "inf",
     ]
-    assert share_text(Share.counted(10, 12)) == "0.83 (0.55-0.95), 10 of 12"
-    assert share_text(Share.counted(0, 0)) == rate_text(Rate.counted(0, 0.0)) == "-"
+    assert fraction_text(Fraction.counted(10, 12)) == "0.83 (0.55-0.95), 10 of 12"
+    assert fraction_text(Fraction.counted(0, 0)) == rate_text(Rate.counted(0, 0.0)) == "-"
 
 
 # -- pictures ---------------------------------------------------------------------------------------------------------
@@ -331,10 +333,10 @@ def test_the_map_has_the_number_of_each_place_and_no_label_on_another() -> None:
 
 def test_the_map_of_one_law_and_one_group_is_drawn_alone() -> None:
     touches = [touched(5.0, "head", 8.0)]
-    hearing = replace(
-        drawn()[0].takes[0].hearings[OURS], events=tuple(told(1, 5.1, 6.0, "head")), torques=()
+    observed = replace(
+        drawn()[0].takes[0].hearings[OURS], events=tuple(reported(1, 5.1, 6.0, "head")), torques=()
     )
-    summary = summarise_touch((robot(take(touches, {OURS: hearing})),), (OURS,), ROBOT)
+    summary = summarise_touch((robot(take(touches, {OURS: observed})),), (OURS,), ROBOT)
     picture = n90_figure(ours(summary), summary.laws, ROBOT)
     check_no_overlap(picture)
     assert len([axes for axes in picture.axes if axes.patches]) == 1
@@ -342,10 +344,10 @@ def test_the_map_of_one_law_and_one_group_is_drawn_alone() -> None:
 
 def test_recall_is_drawn_at_the_force_that_acted_with_wilsons_interval() -> None:
     touches = [touched(5.0, "trunk", 30.0, force=14.0), touched(15.0, "trunk", 8.0)]
-    hearing = replace(
-        drawn()[0].takes[0].hearings[OURS], events=tuple(told(1, 5.1, 6.0, "trunk")), torques=()
+    observed = replace(
+        drawn()[0].takes[0].hearings[OURS], events=tuple(reported(1, 5.1, 6.0, "trunk")), torques=()
     )
-    summary = summarise_touch((robot(take(touches, {OURS: hearing})),), (OURS,), ROBOT)
+    summary = summarise_touch((robot(take(touches, {OURS: observed})),), (OURS,), ROBOT)
     panels = recall_by_group(ours(summary), "nominal", summary.places)
     assert list(panels) == ["trunk"]
     picture = recall_figure(panels, "Touches")
@@ -358,7 +360,7 @@ def test_recall_is_drawn_at_the_force_that_acted_with_wilsons_interval() -> None
     assert ends == [pytest.approx(wilson_interval(n, 1)) for n in (0, 1)]
 
 
-def test_all_pictures_are_written_and_old_ones_are_gone(tmp_path: Path) -> None:
+def test_all_pictures_are_written_and_old_ones_are_removed(tmp_path: Path) -> None:
     (tmp_path / "touch_recall_old.png").touch()
     (tmp_path / "figure2.png").touch()
     captions = write_touch_pictures(summary_of_drawn(), tmp_path, ROBOT)

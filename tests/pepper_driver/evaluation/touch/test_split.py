@@ -33,7 +33,7 @@ def test_a_robot_is_touched_and_left_alone_and_its_record_kept(
     assert (free.suite, free.touches) == ("free", ())
     for take in record.takes:
         assert list(take.hearings) == ["fusion", "momentum"]
-        assert not any(hearing.failure for hearing in take.hearings.values())
+        assert not any(observed.failure for observed in take.hearings.values())
     assert load_robot_record(judging.records / "random-0.json.gz") == record
     # A second call takes what is there.
     monkeypatch.setattr(split, "identify_population", None)
@@ -87,7 +87,7 @@ def test_progress_is_of_all_robots_that_are_left(
     assert done[0] > 10.0 * (done[1] - done[0])
 
 
-def test_another_observer_is_judged_anew(judging: Judging) -> None:
+def test_another_observer_is_judged_again(judging: Judging) -> None:
     judge(judging, [0], workers=1)
     other = replace(judging, observers=("fusion",))
     (record,) = judge(other, [0], workers=1)
@@ -156,7 +156,7 @@ def test_more_workers_make_the_same_records(judging: Judging, tmp_path: Path) ->
         fusion=own_models("fusion"), affine=own_models("affine"), cart=own_models("cart")
     )
     jobs = [
-        partial(split.take_and_hear, spec, models, judging.observers)
+        partial(split.perform_and_observe, spec, models, judging.observers)
         for spec in two_takes(judging, 0)
     ]
     assert list(run_jobs(jobs, workers=1)) == list(run_jobs(jobs, workers=2))

@@ -1,4 +1,4 @@
-"""Figures of the judge of touch against robots made by hand, whose figures one counts on paper."""
+"""Results of the judge of touch against robots made by hand, whose results one counts on paper."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ import pytest
 
 from pepper_driver.evaluation.touch.comparison import paired
 from pepper_driver.evaluation.touch.n90 import poisson_interval, wilson_interval
-from pepper_driver.evaluation.touch.records import Hearing, RobotRecord, TorqueEstimate
+from pepper_driver.evaluation.touch.records import ObserverRecord, RobotRecord, TorqueEstimate
 from pepper_driver.evaluation.touch.summary import (
     group_of,
-    main_figures,
+    main_results,
     passing_time,
     summarise_touch,
 )
 from pepper_driver.evaluation.touch.summary_data import (
+    Fraction,
     Quantiles,
-    Share,
     TouchSummary,
 )
 from support.evaluation import ROBOT
-from support.touch_records import FORCES, OURS, drawn_robot, ours, robot, take, told, touched
+from support.touch_records import FORCES, OURS, drawn_robot, ours, reported, robot, take, touched
 
 
 def summed(
@@ -33,27 +33,27 @@ def summed(
     return summarise_touch(records, observers, ROBOT, **more)
 
 
-def felt_from(least: float, delay: float, *, place: str = "hand", **changes: Any) -> Any:
-    """A take with a touch of each force, told ``delay`` after its onset if it has at least ``least`` newtons."""
+def detected_from(min_force: float, delay: float, *, place: str = "hand", **changes: Any) -> Any:
+    """A take with a touch of each force, reported ``delay`` after its onset from ``min_force`` newtons on."""
     touches = [touched(5.0 * n, place, force, **changes) for n, force in enumerate(FORCES, 1)]
     events = [
         event
         for n, touch in enumerate(touches)
-        if (touch.force or 0.0) >= least
-        for event in told(n, touch.onset + delay, touch.release + 0.1, touch.limb)
+        if (touch.force or 0.0) >= min_force
+        for event in reported(n, touch.onset + delay, touch.release + 0.1, touch.limb)
     ]
     return touches, events
 
 
 def standing(touches: Any, events: Any = (), **changes: Any) -> Any:
-    return take(touches, {OURS: Hearing(events=tuple(events))}, **changes)
+    return take(touches, {OURS: ObserverRecord(events=tuple(events))}, **changes)
 
 
-# -- shares -----------------------------------------------------------------------------------------------------------
+# -- fractions --------------------------------------------------------------------------------------------------------
 
 
 def test_states_that_are_pooled_are_counted_once_and_others_not() -> None:
-    touches, events = felt_from(8.0, 0.2)
+    touches, events = detected_from(8.0, 0.2)
     states = (
         "standing",
         "after-motion",
@@ -64,52 +64,56 @@ def test_states_that_are_pooled_are_counted_once_and_others_not() -> None:
         "lowered",
     )
     summary = summed(robot(*(standing(touches, events, state=state) for state in states)))
-    counts = {cell.state: cell.felt for cell in ours(summary).groups}
+    counts = {cell.state: cell.detected for cell in ours(summary).groups}
     assert counts == {
-        "standing": Share.counted(8, 14),
-        "attentive": Share.counted(4, 7),
-        "in motion": Share.counted(8, 14),
+        "standing": Fraction.counted(8, 14),
+        "attentive": Fraction.counted(4, 7),
+        "in motion": Fraction.counted(8, 14),
     }
     assert {cell.state for cell in ours(summary).cells} == set(states)
     assert group_of("lowered") == "lowered"
 
 
-def test_a_cell_has_shares_by_force_the_bound_and_n90() -> None:
-    touches, events = felt_from(8.0, 0.2)
+def test_a_cell_has_fractions_by_force_the_bound_and_n90() -> None:
+    touches, events = detected_from(8.0, 0.2)
     # A touch that would tip the robot: 20 N were asked for, and 13 acted.
     touches[5] = replace(touches[5], force=13.0, friction_bound=9.0)
     cell = ours(summed(robot(standing(touches, events)))).group("nominal", "hand", "standing")
     assert cell is not None
     assert cell.n90 is not None
-    assert [(one.asked, one.felt.count, one.felt.of) for one in cell.forces] == [
+    assert [(one.asked, one.detected.count, one.detected.of) for one in cell.forces] == [
         (force, int(force >= 8.0), 1) for force in FORCES
     ]
     assert [one.acted for one in cell.forces if one.asked == 20.0] == [13.0]
     assert cell.bound == 6.0
     assert 5.0 < cell.n90.newtons <= 9.0
     assert cell.n90.touches == 7
-    assert cell.forces[0].felt == Share(
-        count=0, of=1, share=0.0, low=0.0, high=wilson_interval(0, 1)[1]
+    assert cell.forces[0].detected == Fraction(
+        count=0, of=1, fraction=0.0, low=0.0, high=wilson_interval(0, 1)[1]
     )
 
 
-def test_rows_are_told_apart_by_law_place_and_group_but_only_where_there_are_two() -> None:
+def test_rows_are_separate_by_law_place_and_group_but_only_where_there_are_two() -> None:
     touches = [
         touched(5.0, "hand", 12.0, row="tap"),
         touched(10.0, "head", 12.0, row="tap", force=10.0),
         touched(15.0, "hand", None, row="grip", force=7.0, rise=None),
     ]
-    first = standing(touches, told(1, 5.1, 5.5))
-    second = standing(touches, [*told(1, 5.1, 5.5), *told(2, 10.2, 10.5, "head")], state="driving")
+    first = standing(touches, reported(1, 5.1, 5.5))
+    second = standing(
+        touches, [*reported(1, 5.1, 5.5), *reported(2, 10.2, 10.5, "head")], state="driving"
+    )
     rows = ours(summed(robot(first), robot(second, name="b", law="integral"))).rows
-    shares = {(r.row, r.law, r.place, r.state): (r.felt.count, r.felt.of, r.force) for r in rows}
-    assert shares["tap", "all", "all", "all"] == (3, 4, 11.0)
-    assert shares["tap", "nominal", "all", "all"] == (1, 2, 11.0)
-    assert shares["tap", "all", "hand", "all"] == (2, 2, 12.0)
-    assert shares["tap", "integral", "head", "all"] == (1, 1, 10.0)
-    assert shares["tap", "all", "all", "in motion"] == (2, 2, 11.0)
-    assert shares["grip", "all", "all", "standing"] == (0, 1, 7.0)
-    assert not [key for key in shares if key[0] == "grip" and key[2] != "all"]
+    fractions = {
+        (r.row, r.law, r.place, r.state): (r.detected.count, r.detected.of, r.force) for r in rows
+    }
+    assert fractions["tap", "all", "all", "all"] == (3, 4, 11.0)
+    assert fractions["tap", "nominal", "all", "all"] == (1, 2, 11.0)
+    assert fractions["tap", "all", "hand", "all"] == (2, 2, 12.0)
+    assert fractions["tap", "integral", "head", "all"] == (1, 1, 10.0)
+    assert fractions["tap", "all", "all", "in motion"] == (2, 2, 11.0)
+    assert fractions["grip", "all", "all", "standing"] == (0, 1, 7.0)
+    assert not [key for key in fractions if key[0] == "grip" and key[2] != "all"]
 
 
 def test_lowered_forces_are_counted_by_place() -> None:
@@ -119,20 +123,20 @@ def test_lowered_forces_are_counted_by_place() -> None:
         touched(15.0, "hand", None, force=5.0),
     ]
     (lowered,) = summed(robot(standing(touches))).lowered
-    assert (lowered.place, lowered.lowered, lowered.of, lowered.largest) == ("trunk", 1, 2, 29.2)
+    assert (lowered.place, lowered.lowered, lowered.of, lowered.max_force) == ("trunk", 1, 2, 29.2)
 
 
 # -- false contacts ---------------------------------------------------------------------------------------------------
 
 
 def test_false_contacts_are_counted_by_suite_law_state_robot_part_and_joint() -> None:
-    wrist = list(told(1, 100.0, 130.0, "right_arm", joint="RWristYaw"))
+    wrist = list(reported(1, 100.0, 130.0, "right_arm", joint="RWristYaw"))
     moved = replace(wrist[0], phase="update", time=110.0, shown_by="RElbowRoll")
-    events = [wrist[0], moved, wrist[1], *told(2, 200.0, 201.0, "trunk")]
+    events = [wrist[0], moved, wrist[1], *reported(2, 200.0, 201.0, "trunk")]
     free = standing((), events, suite="free", state="driving")
     quiet = standing((), (), suite="free", seconds=1800.0)
     # 10 s to 11 s and the grace: the left arm is exposed a little less than an hour.
-    touch = standing([touched(10.0)], [*told(1, 11.9, 12.4), *told(2, 10.5, 10.6, "head")])
+    touch = standing([touched(10.0)], [*reported(1, 11.9, 12.4), *reported(2, 10.5, 10.6, "head")])
     summary = summed(robot(free, quiet), robot(touch, name="b", law="integral"), observers=(OURS,))
     found = ours(summary)
     alone = found.false_contacts("free")
@@ -142,7 +146,7 @@ def test_false_contacts_are_counted_by_suite_law_state_robot_part_and_joint() ->
     assert (alone.rate.low, alone.rate.high) == poisson_interval(3, 1.5)
     assert alone.seconds == pytest.approx(31.0)
     assert alone.seconds_per_hour == pytest.approx(31.0 / 1.5)
-    assert alone.share_of_time == pytest.approx(31.0 / 5400.0)
+    assert alone.fraction_of_time == pytest.approx(31.0 / 5400.0)
     touching = found.false_contacts("touch", "integral")
     assert touching is not None
     assert touching.hours == pytest.approx(1.0 - 1.3 / 4.0 / 3600.0)
@@ -172,10 +176,14 @@ def test_false_contacts_are_counted_by_suite_law_state_robot_part_and_joint() ->
 def test_places_and_directions_are_scored_at_the_alarm_and_later() -> None:
     # The torques are 2.0, 1.5 and 0.1 N m on shoulder roll, elbow roll and wrist.
     touches = [touched(5.0 + 5.0 * n) for n in range(4)]
-    elbow = list(told(1, 5.2, 6.1, joint="LElbowRoll"))
+    elbow = list(reported(1, 5.2, 6.1, joint="LElbowRoll"))
     update = replace(elbow[0], phase="update", time=5.3, joint="LShoulderRoll", direction=-1)
-    events = [elbow[0], update, elbow[1], *told(2, 10.2, 11.1, joint="LWristYaw")]
-    events += [*told(3, 15.1, 15.2, "head"), *told(4, 15.3, 16.1), *told(5, 20.1, 20.4, "head")]
+    events = [elbow[0], update, elbow[1], *reported(2, 10.2, 11.1, joint="LWristYaw")]
+    events += [
+        *reported(3, 15.1, 15.2, "head"),
+        *reported(4, 15.3, 16.1),
+        *reported(5, 20.1, 20.4, "head"),
+    ]
     (where, nominal) = ours(summed(robot(standing(touches, events)))).located
     assert (where.law, nominal.law) == ("all", "nominal")
     assert (where.first_limb.count, where.first_limb.of) == (2, 4)
@@ -198,12 +206,12 @@ def test_a_force_rises_along_half_a_cosine(force: float, newtons: float, time: f
 
 
 def test_delays_of_slow_touches_count_from_where_the_force_passes_n90() -> None:
-    touches, events = felt_from(8.0, 0.2)
+    touches, events = detected_from(8.0, 0.2)
     held = touched(100.0, asked=12.0, standing_start=True)
     grip = touched(110.0, asked=12.0, rise=None, row="grip")
     tap = touched(120.0, asked=12.0, rise=0.05, row="tap")
     missed = touched(130.0, asked=12.0, rise=0.02, row="tap")
-    later = (event for n in (100, 110, 120) for event in told(n, n + 0.3, n + 0.9))
+    later = (event for n in (100, 110, 120) for event in reported(n, n + 0.3, n + 0.9))
     found = ours(summed(robot(standing([*touches, held, grip, tap, missed], [*events, *later]))))
     cell = found.cell("nominal", "hand", "standing")
     assert cell is not None
@@ -220,7 +228,7 @@ def test_delays_of_slow_touches_count_from_where_the_force_passes_n90() -> None:
 
 
 def test_nothing_passes_an_n90_that_is_not_reached() -> None:
-    touches, events = felt_from(30.0, 0.2)
+    touches, events = detected_from(30.0, 0.2)
     found = ours(summed(robot(standing(touches, events), standing(touches))))
     cell = found.cell("nominal", "hand", "standing")
     assert cell is not None
@@ -238,7 +246,12 @@ def test_ends_count_where_no_other_touch_of_the_limb_is_near() -> None:
         touched(50.0),
         touched(60.0),
     ]
-    events = [*told(1, 5.2, 6.15), *told(2, 20.2, 21.9), *told(3, 40.2, 40.5), *told(4, 60.2, None)]
+    events = [
+        *reported(1, 5.2, 6.15),
+        *reported(2, 20.2, 21.9),
+        *reported(3, 40.2, 40.5),
+        *reported(4, 60.2, None),
+    ]
     (ends, _) = ours(summed(robot(standing(touches, events)))).ends
     assert (ends.error.count, ends.error.of, ends.open) == (2, 3, 1)
     assert ends.error.median == pytest.approx((0.15 - 0.5) / 2.0)
@@ -251,17 +264,17 @@ def test_torques_are_compared_over_all_pairs() -> None:
         TorqueEstimate(touch=0, joint="LElbowRoll", true=true, estimate=estimate)
         for true, estimate in pairs
     )
-    hearing = Hearing(events=tuple(told(1, 5.2, 6.1)), torques=torques)
-    (torque, _) = ours(summed(robot(take([touched(5.0)], {OURS: hearing})))).torques
+    observed = ObserverRecord(events=tuple(reported(1, 5.2, 6.1)), torques=torques)
+    (torque, _) = ours(summed(robot(take([touched(5.0)], {OURS: observed})))).torques
     assert torque.pairs == 3
     assert torque.rmse == pytest.approx(math.sqrt(0.5 / 3.0))
     mean = 2.0 / 3.0
     assert torque.r2 == pytest.approx(1.0 - 0.5 / sum((true - mean) ** 2 for true, _ in pairs))
 
 
-def test_touches_at_rest_and_in_motion_are_told_apart() -> None:
+def test_touches_at_rest_and_in_motion_are_separate() -> None:
     touches = [touched(5.0 * n, moving=n > 1) for n in range(1, 5)]
-    (motion, _) = ours(summed(robot(standing(touches, told(1, 10.2, 11.0))))).motion
+    (motion, _) = ours(summed(robot(standing(touches, reported(1, 10.2, 11.0))))).motion
     assert (motion.rest.of, motion.rest.count) == (1, 0)
     assert (motion.moving.of, motion.moving.count) == (3, 1)
 
@@ -280,30 +293,30 @@ def test_kinds_are_counted_by_the_true_and_the_reported_one() -> None:
     events = [
         event
         for n, kind in kinds.items()
-        for event in told(n, n + 0.06, n + 0.1 + ends.get(n, 0.9), kind=kind)
+        for event in reported(n, n + 0.06, n + 0.1 + ends.get(n, 0.9), kind=kind)
     ]
     found = kinds_of(summed(robot(standing(touches, events))))
     assert list(found) == ["collision", "push", "tap"]
     assert found["tap"].reported == {"tap": 3, "double tap": 1, "push": 1}
-    assert found["tap"].not_felt == 1
-    assert found["tap"].right == Share.counted(3, 5)
+    assert found["tap"].not_detected == 1
+    assert found["tap"].right == Fraction.counted(3, 5)
     assert found["tap"].end.median == pytest.approx(0.44)
     assert (found["tap"].end.count, found["tap"].end.of) == (3, 3)
     assert found["push"].reported == {"push": 1, "tap": 1, "hold": 1}
-    assert found["push"].right == Share.counted(1, 3)
-    assert found["collision"].right == Share.counted(1, 1)
+    assert found["push"].right == Fraction.counted(1, 3)
+    assert found["collision"].right == Fraction.counted(1, 1)
 
     lost = robot(take(touches, state="standing"), name="b", failure="too little motion")
     both = kinds_of(summed(robot(standing(touches, events)), lost))
-    assert (both["tap"].right, both["tap"].not_felt) == (Share.counted(3, 5), 7)
+    assert (both["tap"].right, both["tap"].not_detected) == (Fraction.counted(3, 5), 7)
     data = summed(robot(standing(touches, events))).as_json()["observers"][0]["kinds"]
     assert [one["true"] for one in data] == ["collision", "push", "tap"]
     assert json.loads(json.dumps(data))[2]["reported"] == found["tap"].reported
 
 
 def test_an_observer_that_reports_no_kinds_is_not_scored_by_them() -> None:
-    touches, events = [touched(5.0), touched(10.0)], [*told(1, 5.2, 6.0)]
-    hard = told(2, 10.2, 11.0, kind="collision")
+    touches, events = [touched(5.0), touched(10.0)], [*reported(1, 5.2, 6.0)]
+    hard = reported(2, 10.2, 11.0, kind="collision")
     assert ours(summed(robot(standing(touches, [*events, *hard])))).kinds == ()
     assert ours(summed(robot(standing(touches)))).kinds == ()
 
@@ -315,24 +328,24 @@ def test_a_label_refutes_neither_a_collision_nor_a_grip() -> None:
     events = [
         event
         for n, kind in kinds.items()
-        for event in told(n, 5.0 * n + 0.1, 5.0 * n + 1.1, kind=kind)
+        for event in reported(n, 5.0 * n + 0.1, 5.0 * n + 1.1, kind=kind)
     ]
     log = robot(standing(touches, events, state="log"), law=None, draw=None)
     (push,) = kinds_of(summed(log)).values()
     assert push.reported == {"push": 1, "collision": 1, "grip": 1, "tap": 1}
-    assert (push.not_felt, push.right) == (1, Share.counted(1, 2))
+    assert (push.not_detected, push.right) == (1, Fraction.counted(1, 2))
 
 
 # -- what is missing --------------------------------------------------------------------------------------------------
 
 
-def test_touches_of_a_robot_that_could_not_be_identified_are_not_felt() -> None:
-    touches, events = felt_from(3.0, 0.2)
+def test_touches_of_a_robot_that_could_not_be_identified_are_not_detected() -> None:
+    touches, events = detected_from(3.0, 0.2)
     good = robot(standing(touches, events), fit={"HeadYaw": 90.0, "HeadPitch": 94.0})
     bad = robot(take(touches, state="standing"), name="b", failure="too little motion")
     summary = summed(good, bad)
     found = ours(summary)
-    assert found.felt() == Share.counted(6, 14)
+    assert found.detected() == Fraction.counted(6, 14)
     cell = found.group("nominal", "hand", "standing")
     assert cell is not None
     assert cell.n90 is not None
@@ -346,37 +359,39 @@ def test_touches_of_a_robot_that_could_not_be_identified_are_not_felt() -> None:
     assert [r.identified for r in found.robots] == [True, False]
 
 
-def test_an_observer_that_did_not_see_a_robot_has_no_figure_of_it() -> None:
-    touches, events = felt_from(3.0, 0.2)
-    heard = Hearing(events=tuple(events))
-    both = robot(take(touches, {OURS: heard, "momentum": Hearing()}))
+def test_an_observer_that_did_not_see_a_robot_has_no_result_of_it() -> None:
+    touches, events = detected_from(3.0, 0.2)
+    observed = ObserverRecord(events=tuple(events))
+    both = robot(take(touches, {OURS: observed, "momentum": ObserverRecord()}))
     half = robot(
-        take(touches, {OURS: heard, "momentum": heard}), take(touches, {OURS: heard}), name="b"
+        take(touches, {OURS: observed, "momentum": observed}),
+        take(touches, {OURS: observed}),
+        name="b",
     )
     failed = robot(take(touches), name="c", failure="too little motion")
     summary = summed(both, half, failed, observers=(OURS, "momentum", "oracle"))
     momentum = summary.observer("momentum")
     assert momentum is not None
     assert momentum.left_out == ("b",)
-    assert momentum.felt() == Share.counted(0, 14)
-    assert ours(summary).felt() == Share.counted(18, 28)
+    assert momentum.detected() == Fraction.counted(0, 14)
+    assert ours(summary).detected() == Fraction.counted(18, 28)
     assert summary.observer("oracle") is None
     assert summary.observers[2].left_out == ("random 0", "b", "c")
-    assert summary.observer("nobody") is None
+    assert summary.observer("unknown") is None
 
 
-def test_an_observer_that_fails_has_felt_nothing_and_no_hours() -> None:
-    touches, _ = felt_from(3.0, 0.2)
-    lost = take(touches, {OURS: Hearing(failure="ValueError: no")})
+def test_an_observer_that_fails_has_detected_nothing_and_no_hours() -> None:
+    touches, _ = detected_from(3.0, 0.2)
+    lost = take(touches, {OURS: ObserverRecord(failure="ValueError: no")})
     found = ours(summed(robot(lost, standing((), suite="free"))))
     assert found.failures == {"ValueError: no": 1}
-    assert found.felt() == Share.counted(0, 7)
+    assert found.detected() == Fraction.counted(0, 7)
     contacts = found.false_contacts()
     assert contacts is not None
     assert contacts.hours == 1.0
 
 
-def test_takes_that_failed_or_were_drawn_again_are_told() -> None:
+def test_takes_that_failed_or_were_drawn_again_are_reported() -> None:
     lost = take(
         state="driving",
         failure="it tipped",
@@ -391,30 +406,30 @@ def test_takes_that_failed_or_were_drawn_again_are_told() -> None:
 
 
 @pytest.mark.parametrize("records", [(), (robot(standing((), suite="free")),), (robot(),)])
-def test_without_touches_there_are_no_figures_of_touches(records: tuple[RobotRecord, ...]) -> None:
+def test_without_touches_there_are_no_results_of_touches(records: tuple[RobotRecord, ...]) -> None:
     summary = summed(*records)
     observer = summary.observer(OURS)
     assert (observer is None) == (not records)
     if observer is not None:
         assert not any((observer.groups, observer.cells, observer.rows))
-        assert observer.located[0].first_limb == Share.counted(0, 0)
-        assert observer.felt() == Share.counted(0, 0)
-        assert observer.felt().share is None
+        assert observer.located[0].first_limb == Fraction.counted(0, 0)
+        assert observer.detected() == Fraction.counted(0, 0)
+        assert observer.detected().fraction is None
     json.dumps(summary.as_json(), allow_nan=False)
-    assert main_figures(records).n90_standing_nominal is None
+    assert main_results(records).n90_standing_nominal is None
 
 
 def test_touches_of_a_log_are_scored_without_force_or_law() -> None:
     values: dict[str, Any] = {"row": "log", "rise": None, "torque": {}, "friction_bound": None}
     touches = [touched(5.0, asked=None, **values), touched(10.0, asked=None, **values)]
-    log = robot(standing(touches, told(1, 5.2, 6.0), state="log"), law=None, draw=None)
+    log = robot(standing(touches, reported(1, 5.2, 6.0), state="log"), law=None, draw=None)
     summary = summed(log)
     (cell,) = ours(summary).cells
-    assert (cell.law, cell.state, cell.felt.count, cell.felt.of) == ("unknown", "log", 1, 2)
+    assert (cell.law, cell.state, cell.detected.count, cell.detected.of) == ("unknown", "log", 1, 2)
     assert cell.n90 is None
     assert cell.forces == ()
     assert cell.bound is None
-    assert ours(summary).located[0].joint == Share.counted(0, 0)
+    assert ours(summary).located[0].joint == Fraction.counted(0, 0)
     assert ours(summary).delays[0].fast.of == 0
     json.dumps(summary.as_json(), allow_nan=False)
 
@@ -423,7 +438,7 @@ def test_touches_of_a_log_are_scored_without_force_or_law() -> None:
 
 
 def split(robots: int = 6) -> list[RobotRecord]:
-    """Robots of both laws; half of the touches of a hand are felt at 5 N (nominal) or 3 N."""
+    """Robots of both laws; half of the touches of a hand are detected at 5 N (nominal) or 3 N."""
     records = []
     for number in range(robots):
         hand = 3.0 if number % 2 else 5.0
@@ -464,15 +479,15 @@ def test_n90_of_robots_drawn_from_known_curves() -> None:
     assert len(other.groups) == len(ours(summary).groups)
     assert len(ours(summary).cells) == 2 * 2 * 3
 
-    figures = main_figures(records)
+    results = main_results(records)
     cell = ours(summary).group("integral", "hand", "in motion")
     assert cell is not None
     assert cell.n90 is not None
-    assert figures.n90_moving_integral == cell.n90.newtons
+    assert results.n90_moving_integral == cell.n90.newtons
     free = ours(summary).false_contacts("free")
     assert free is not None
-    assert figures.false_contacts == free.events
-    assert figures.hours == pytest.approx(36.0)
+    assert results.false_contacts == free.events
+    assert results.hours == pytest.approx(36.0)
 
     data = json.loads(json.dumps(summary.as_json(), allow_nan=False))
     trunk = next(c for c in data["observers"][0]["groups"] if c["place"] == "trunk")
@@ -487,14 +502,14 @@ def test_observers_are_compared_robot_by_robot() -> None:
     assert other is not None
     pair = paired(ours(summary), other)
     assert pair.robots == 6
-    assert pair.felt is not None
+    assert pair.detected is not None
     assert pair.false_per_hour is not None
-    mine, theirs = ours(summary).felt().share, other.felt().share
+    mine, theirs = ours(summary).detected().fraction, other.detected().fraction
     assert mine is not None
     assert theirs is not None
-    assert pair.felt.value == pytest.approx(theirs - mine)
-    assert pair.felt.high is not None
-    assert pair.felt.high < 0.0
+    assert pair.detected.value == pytest.approx(theirs - mine)
+    assert pair.detected.high is not None
+    assert pair.detected.high < 0.0
     assert pair.false_per_hour.low is not None
     assert pair.false_per_hour.low > 0.0
     rates = [o.false_contacts() for o in (ours(summary), other)]
@@ -504,21 +519,21 @@ def test_observers_are_compared_robot_by_robot() -> None:
     assert pair.false_per_hour.value == pytest.approx(b - a)
     same = paired(ours(summary), ours(summary), "nominal")
     assert same.robots == 3
-    assert same.felt is not None
-    assert (same.felt.value, same.felt.low, same.felt.high) == (0.0, 0.0, 0.0)
+    assert same.detected is not None
+    assert (same.detected.value, same.detected.low, same.detected.high) == (0.0, 0.0, 0.0)
 
 
 def test_of_one_robot_a_difference_has_no_interval_and_of_none_there_is_none() -> None:
-    touches, events = felt_from(8.0, 0.2)
-    hearings = {OURS: Hearing(events=tuple(events)), "error": Hearing()}
+    touches, events = detected_from(8.0, 0.2)
+    hearings = {OURS: ObserverRecord(events=tuple(events)), "error": ObserverRecord()}
     bad = robot(take(touches), name="b", failure="too little motion")
     summary = summed(robot(take(touches, hearings)), bad, observers=(OURS, "error"))
     other = summary.observer("error")
     assert other is not None
     pair = paired(ours(summary), other)
     assert pair.robots == 1
-    assert pair.felt is not None
-    assert pair.felt.value == pytest.approx(-4 / 7)
-    assert (pair.felt.low, pair.felt.high) == (None, None)
+    assert pair.detected is not None
+    assert pair.detected.value == pytest.approx(-4 / 7)
+    assert (pair.detected.low, pair.detected.high) == (None, None)
     nothing = paired(ours(summary), other, "integral")
-    assert (nothing.robots, nothing.felt, nothing.false_per_hour) == (0, None, None)
+    assert (nothing.robots, nothing.detected, nothing.false_per_hour) == (0, None, None)

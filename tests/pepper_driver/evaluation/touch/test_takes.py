@@ -214,7 +214,7 @@ def test_a_robot_that_stands_is_sent_nowhere(state: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("state", "joint", "least", "most"),
+    ("state", "joint", "low", "high"),
     [
         ("attentive", "LShoulderPitch", 0.01, 0.2),
         ("breathing", "LShoulderPitch", 0.04, 0.1),
@@ -224,8 +224,8 @@ def test_a_robot_that_stands_is_sent_nowhere(state: str) -> None:
         ("cartesian", "LElbowRoll", 0.05, 2.0),
     ],
 )
-def test_states_move_the_robot(state: str, joint: str, least: float, most: float) -> None:
-    assert least < span(perform(spec(state=state, seconds=8.0), None))[joint] < most
+def test_states_move_the_robot(state: str, joint: str, low: float, high: float) -> None:
+    assert low < span(perform(spec(state=state, seconds=8.0), None))[joint] < high
 
 
 def test_a_robot_that_drives_turns_its_wheels() -> None:

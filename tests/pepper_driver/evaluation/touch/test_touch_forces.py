@@ -1,4 +1,4 @@
-"""Forces of touches in the judge: kept as they were heard, scored, and absent from older records."""
+"""Forces of touches in the judge: kept as they were reported, scored, and absent from older records."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pepper_driver.evaluation.touch.observers import watch_all
 from pepper_driver.evaluation.touch.page import touch_page
 from pepper_driver.evaluation.touch.records import (
     ForceEstimate,
-    Hearing,
+    ObserverRecord,
     RobotRecord,
     Touched,
     load_robot_record,
@@ -24,7 +24,7 @@ from pepper_driver.evaluation.touch.summary import summarise_touch
 from pepper_driver.evaluation.touch.summary_data import Forces, ObserverSummary, TouchSummary
 from pepper_driver.observer import Contact
 from support.evaluation import ROBOT, Script, contact, recording
-from support.touch_records import OURS, ours, robot, take, told, touched
+from support.touch_records import OURS, ours, reported, robot, take, touched
 
 
 def pressed(number: int, time: float, newtons: float | None, **changes: Any) -> Contact:
@@ -44,7 +44,7 @@ def listened(touches: list[Touched], *events: Contact) -> tuple[ForceEstimate, .
     return watch_all({"script": Script(events)}, STILL, touches, ROBOT)["script"].forces
 
 
-# -- as it was heard --------------------------------------------------------------------------------------------------
+# -- as it was reported -----------------------------------------------------------------------------------------------
 
 
 def test_the_last_force_before_the_push_fades_counts() -> None:
@@ -99,11 +99,11 @@ def forces(observer: ObserverSummary, **keys: str) -> Forces:
 
 
 def attentive(law: str = "nominal") -> RobotRecord:
-    """Six pushes, told all but the last one."""
+    """Six pushes, all but the last one reported."""
     places = ("hand", "hand", "forearm", "forearm", "upper arm", "hand")
     sizes = (20.0, 20.0, 20.0, 8.0, 20.0, 20.0)
     touches = [touched(5.0 * n, places[n - 1], sizes[n - 1]) for n in range(1, 7)]
-    events = [e for n in range(1, 6) for e in told(n, 5.0 * n + 0.2, 5.0 * n + 1.1)]
+    events = [e for n in range(1, 6) for e in reported(n, 5.0 * n + 0.2, 5.0 * n + 1.1)]
     pairs = (
         estimated(0, 20.0, 24.0),
         estimated(1, 20.0, 13.9),  # 30.5 % off, and its interval ends at 18.1 N
@@ -111,14 +111,14 @@ def attentive(law: str = "nominal") -> RobotRecord:
         estimated(3, 8.0, 4.0),
         estimated(4, 20.0, 20.0),  # not at hand or forearm
     )
-    hearing = Hearing(events=tuple(events), forces=pairs)
-    return robot(take(touches, {OURS: hearing}, state="attentive"), law=law)
+    observed = ObserverRecord(events=tuple(events), forces=pairs)
+    return robot(take(touches, {OURS: observed}, state="attentive"), law=law)
 
 
 def test_forces_count_at_hand_and_forearm_from_15_newtons_on() -> None:
     _, observer = judged(attentive())
     both = forces(observer, state="attentive")
-    # The third has no force, which is wrong; the sixth is not felt, which another figure says.
+    # The third has no force, which is wrong; the sixth is not detected, which another result says.
     assert (both.right.count, both.right.of) == (1, 3)
     assert (both.covered.count, both.covered.of) == (1, 2)
     assert (both.all_covered.count, both.all_covered.of) == (1, 3)
@@ -132,16 +132,16 @@ def test_forces_count_at_hand_and_forearm_from_15_newtons_on() -> None:
     assert observer.force(state="standing") is None
 
 
-def test_taps_and_pushes_beside_others_have_no_force_to_score() -> None:
+def test_taps_and_pushes_during_others_have_no_force_to_score() -> None:
     touches = [touched(5.0, release=5.2, rise=0.02), touched(10.0), touched(10.5)]
-    events = [e for n, time in enumerate((5.1, 10.1)) for e in told(n, time, time + 0.8)]
+    events = [e for n, time in enumerate((5.1, 10.1)) for e in reported(n, time, time + 0.8)]
     pairs = tuple(estimated(n, 8.0, 8.0) for n in range(3))
-    hearing = Hearing(events=tuple(events), forces=pairs)
-    _, observer = judged(robot(take(touches, {OURS: hearing})))
+    observed = ObserverRecord(events=tuple(events), forces=pairs)
+    _, observer = judged(robot(take(touches, {OURS: observed})))
     assert observer.forces == ()
 
 
-def test_the_page_has_shares_of_right_forces_and_intervals() -> None:
+def test_the_page_has_fractions_of_right_forces_and_intervals() -> None:
     summary, _ = judged(attentive(), replace(attentive("integral"), robot="b"))
     page = "\n\n".join(touch_page(summary, {}))
     (right,) = [
@@ -170,13 +170,13 @@ def test_a_record_of_an_earlier_look_has_no_forces_and_is_judged(tmp_path: Path)
     save_robot(attentive(), tmp_path / "new.json.gz")
     data = json.loads(gzip.decompress((tmp_path / "new.json.gz").read_bytes()))
     for one in data["takes"]:
-        for hearing in one["hearings"].values():
-            del hearing["forces"]
+        for observed in one["hearings"].values():
+            del observed["forces"]
     old = tmp_path / "old.json.gz"
     old.write_bytes(gzip.compress(json.dumps(data).encode()))
     summary, observer = judged(load_robot_record(old))
     assert observer.forces == ()
-    assert observer.felt().count == 5
+    assert observer.detected().count == 5
     page = "\n\n".join(touch_page(summary, {}))
     (row,) = [row for row in page.splitlines() if row.startswith("| force: within 30 %")]
     assert set(row.split("|")[2:-1]) == {" - "}

@@ -1,4 +1,4 @@
-"""Scores of hand-made takes: each rule of hearing against a timeline that one counts by hand."""
+"""Scores of hand-made takes: each rule of detection against a timeline that one counts by hand."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,13 +8,18 @@ import pytest
 
 from pepper_driver.config import UnknownNameError
 from pepper_driver.evaluation.touch.records import (
-    Heard,
-    Hearing,
+    ObserverRecord,
+    ReportedEvent,
     Take,
     TorqueEstimate,
     Touched,
 )
-from pepper_driver.evaluation.touch.scoring import TakeScore, heard, score_robot, score_take
+from pepper_driver.evaluation.touch.scoring import (
+    TakeScore,
+    reported_events,
+    score_robot,
+    score_take,
+)
 from support.evaluation import ROBOT, contact
 from support.touch_records import robot, take, touched
 
@@ -31,24 +36,30 @@ def touch(onset: float, release: float, **changes: Any) -> Touched:
     return touched(onset, "forearm", **{"release": release, "torque": TORQUE, **changes})
 
 
-def event(number: int, phase: str, time: float, limb: str = "left_arm", **changes: Any) -> Heard:
+def event(
+    number: int, phase: str, time: float, limb: str = "left_arm", **changes: Any
+) -> ReportedEvent:
     joint = {"left_arm": SHOULDER, "right_arm": "RShoulderRoll", "head": "HeadYaw"}.get(limb)
     values = {"kind": "contact", "joint": joint, "direction": -1, **changes}
     values.setdefault("shown_by", values["joint"])
-    return Heard(id=number, phase=phase, time=time, limb=limb, **values)  # type: ignore[arg-type]
+    return ReportedEvent(id=number, phase=phase, time=time, limb=limb, **values)  # type: ignore[arg-type]
 
 
-def heard_take(touches: Sequence[Touched], events: Sequence[Heard], **hearing: Any) -> Take:
+def observed_take(
+    touches: Sequence[Touched], events: Sequence[ReportedEvent], **observed: Any
+) -> Take:
     """A take that is free without touches."""
-    hearings = {"ours": Hearing(events=tuple(events), **hearing)}
+    hearings = {"ours": ObserverRecord(events=tuple(events), **observed)}
     return take(touches, hearings, suite="touch" if touches else "free", seconds=SECONDS)
 
 
-def scored(touches: Sequence[Touched], events: Sequence[Heard], **hearing: Any) -> TakeScore:
-    return score_take(heard_take(touches, events, **hearing), "ours", LIMBS)
+def scored(
+    touches: Sequence[Touched], events: Sequence[ReportedEvent], **observed: Any
+) -> TakeScore:
+    return score_take(observed_take(touches, events, **observed), "ours", LIMBS)
 
 
-def begins(*times: float, **changes: Any) -> list[Heard]:
+def begins(*times: float, **changes: Any) -> list[ReportedEvent]:
     """Contacts of 50 ms."""
     return [
         event(number, phase, time + later, **changes)
@@ -79,8 +90,8 @@ def test_an_event_is_right_a_rebound_or_false(
     result = scored([touch(10.0, 11.0)], begins(time, kind=kind, limb=limb))
     counts = {"right": result.right, "rebound": result.rebounds, "false": result.false_begins}
     assert counts == {**dict.fromkeys(counts, 0), verdict: 1}
-    # A rebound is never felt, not even while the touch lasts.
-    assert [t.felt for t in result.touches] == [verdict == "right"]
+    # A rebound never detects a touch, not even while the touch lasts.
+    assert [t.detected for t in result.touches] == [verdict == "right"]
     assert result.false_moves == 0
 
 
@@ -91,13 +102,13 @@ def test_an_event_is_right_a_rebound_or_false(
 def test_a_contact_that_leaves_its_limb_open_is_right_on_the_trunk_alone(
     time: float, limb: str, verdict: str
 ) -> None:
-    """While another limb is touched it is no false one, but nothing is felt by it."""
+    """While another limb is touched it is no false one, but it detects nothing."""
     events = begins(time, limb="trunk", joint=None, limb_known=False)
     result = scored([touch(10.0, 11.0, limb=limb)], events)
     counts = {"right": result.right, "open": result.open_limbs, "false": result.false_begins}
     assert counts == {**dict.fromkeys(counts, 0), verdict: 1}
     [one] = result.touches
-    assert one.felt == (verdict == "right")
+    assert one.detected == (verdict == "right")
     assert one.first_limb == (True if verdict == "right" else None)
     assert result.idle_contact == pytest.approx(0.01 if verdict == "false" else 0.0)
 
@@ -134,20 +145,20 @@ def test_moves_are_judged_where_they_go_and_counted_apart() -> None:
     ]
     result = scored([touch(10.0, 11.0)], events)
     assert (result.right, result.false_begins, result.false_moves) == (2, 1, 1)
-    told = result.touches[0]
-    assert told.felt
-    assert told.delay == pytest.approx(0.2)
-    assert told.first_limb is False
-    assert told.end_error == pytest.approx(2.0)
+    reported = result.touches[0]
+    assert reported.detected
+    assert reported.delay == pytest.approx(0.2)
+    assert reported.first_limb is False
+    assert reported.end_error == pytest.approx(2.0)
 
 
-def test_a_move_within_the_limb_tells_no_second_touch() -> None:
+def test_a_move_within_the_limb_detects_no_second_touch() -> None:
     touches = [touch(10.0, 20.0), touch(12.0, 13.0)]
     events = [event(1, "begin", 10.1), event(1, "update", 12.1, joint=ELBOW)]
-    assert [t.felt for t in scored(touches, events).touches] == [True, False]
+    assert [t.detected for t in scored(touches, events).touches] == [True, False]
 
 
-def test_a_rebound_that_turns_into_a_contact_is_heard_anew() -> None:
+def test_a_rebound_that_turns_into_a_contact_counts_again() -> None:
     events = [event(1, "begin", 10.1, kind="rebound"), event(1, "update", 10.4)]
     result = scored([touch(10.0, 11.0)], events)
     assert (result.rebounds, result.right) == (1, 1)
@@ -155,24 +166,24 @@ def test_a_rebound_that_turns_into_a_contact_is_heard_anew() -> None:
     assert scored([], events).false_moves == 1
 
 
-def test_one_begin_tells_one_touch_the_latest_that_is_not_felt() -> None:
+def test_one_begin_detects_one_touch_the_latest_that_is_not_detected() -> None:
     touches = [touch(10.0, 20.0), touch(12.0, 13.0), touch(12.0, 13.0, limb="head", torque={})]
-    felt = {
-        times: [t.felt for t in scored(touches, begins(*times)).touches[:2]]
+    detected = {
+        times: [t.detected for t in scored(touches, begins(*times)).touches[:2]]
         for times in ((10.5,), (12.5,), (12.5, 12.7), (12.5, 12.7, 12.9), (13.5,))
     }
-    assert felt == {
+    assert detected == {
         (10.5,): [True, False],
         (12.5,): [False, True],
         (12.5, 12.7): [True, True],
         (12.5, 12.7, 12.9): [True, True],
         (13.5,): [True, False],
     }
-    # Taps in quick succession: one contact over both tells one of them.
+    # Taps in quick succession: one contact over both detects one of them.
     taps = [touch(10.0, 10.1), touch(10.2, 10.3)]
     one = [event(1, "begin", 10.05), event(1, "end", 10.6)]
-    assert [t.felt for t in scored(taps, one).touches] == [True, False]
-    assert [t.felt for t in scored(taps, begins(10.05, 10.25)).touches] == [True, True]
+    assert [t.detected for t in scored(taps, one).touches] == [True, False]
+    assert [t.detected for t in scored(taps, begins(10.05, 10.25)).touches] == [True, True]
 
 
 def test_a_touch_from_before_the_start_is_timed_from_the_first_tick() -> None:
@@ -183,7 +194,7 @@ def test_a_touch_from_before_the_start_is_timed_from_the_first_tick() -> None:
     assert result.hours == pytest.approx((4 * SECONDS - 2.3) / 4 / 3600)
 
 
-def test_limb_that_was_told_first() -> None:
+def test_limb_that_was_reported_first() -> None:
     touches = [touch(10.0, 11.0), touch(20.0, 21.0), touch(30.0, 31.0), touch(35.0, 36.0)]
     events = [
         event(1, "begin", 9.9, "trunk"),
@@ -199,8 +210,8 @@ def test_limb_that_was_told_first() -> None:
     ]
     result = scored(touches, events)
     assert [t.first_limb for t in result.touches] == [True, False, False, None]
-    assert [t.felt for t in result.touches] == [True, True, False, False]
-    # What tells another touch says nothing of this one.
+    assert [t.detected for t in result.touches] == [True, True, False, False]
+    # A contact that detects another touch says nothing of this one.
     two = [touch(10.0, 11.0), touch(10.0, 11.0, limb="head", torque={})]
     both = [event(1, "begin", 10.1, "head"), event(2, "begin", 10.2)]
     assert [t.first_limb for t in scored(two, both).touches] == [True, True]
@@ -212,25 +223,29 @@ def test_place_and_direction_at_the_alarm_and_later() -> None:
         event(1, "update", 10.256, joint=SHOULDER, direction=-1),
         event(1, "update", 10.27, joint=WRIST, direction=-1),
     ]
-    told = scored([touch(10.0, 11.0)], events).touches[0]
-    assert told.alarm is not None
-    assert told.later is not None
+    reported = scored([touch(10.0, 11.0)], events).touches[0]
+    assert reported.alarm is not None
+    assert reported.later is not None
     # The elbow has 0.75 of the largest torque, and the other sign.
-    assert (told.alarm.limb, told.alarm.joint, told.alarm.largest_joint) == (True, True, False)
-    assert told.alarm.direction is False
-    assert (told.later.joint, told.later.largest_joint) == (True, True)
-    assert told.later.direction is True
+    assert (reported.alarm.limb, reported.alarm.joint, reported.alarm.largest_joint) == (
+        True,
+        True,
+        False,
+    )
+    assert reported.alarm.direction is False
+    assert (reported.later.joint, reported.later.largest_joint) == (True, True)
+    assert reported.later.direction is True
 
 
 @pytest.mark.parametrize(
-    ("joint", "shared", "direction"),
+    ("joint", "right", "direction"),
     [("LElbowYaw", False, True), (WRIST, False, None), ("LShoulderPitch", False, None)],
 )
-def test_joints_with_little_torque(joint: str, shared: bool, direction: bool | None) -> None:
+def test_joints_with_little_torque(joint: str, right: bool, direction: bool | None) -> None:
     events = [event(1, "begin", 10.1, joint=joint, direction=1)]
     alarm = scored([touch(10.0, 11.0)], events).touches[0].alarm
     assert alarm is not None
-    assert (alarm.joint, alarm.largest_joint, alarm.direction) == (shared, False, direction)
+    assert (alarm.joint, alarm.largest_joint, alarm.direction) == (right, False, direction)
 
 
 def test_no_joint_without_a_known_torque_or_on_the_trunk() -> None:
@@ -241,13 +256,13 @@ def test_no_joint_without_a_known_torque_or_on_the_trunk() -> None:
         event(1, "update", 10.2, "left_arm"),
         event(1, "end", 11.0, "left_arm"),
     ]
-    told = scored([trunk], events).touches[0]
+    reported = scored([trunk], events).touches[0]
     assert unknown is not None
-    assert told.alarm is not None
-    assert told.later is not None
-    for place in (unknown, told.alarm, told.later):
+    assert reported.alarm is not None
+    assert reported.later is not None
+    for place in (unknown, reported.alarm, reported.later):
         assert (place.joint, place.largest_joint, place.direction) == (None, None, None)
-    assert (unknown.limb, told.alarm.limb, told.later.limb) == (True, True, False)
+    assert (unknown.limb, reported.alarm.limb, reported.later.limb) == (True, True, False)
 
 
 def test_a_contact_that_left_the_limb_names_no_joint_of_it() -> None:
@@ -323,12 +338,14 @@ def test_hours_are_those_without_a_touch_on_the_limb() -> None:
             ],
             1.0,
         ),
-        # A number that begins anew ends the contact that had it.
+        # A number that begins again ends the contact that had it.
         ([event(1, "begin", 20.0), event(1, "begin", 21.0), event(1, "end", 21.5)], 1.5),
         ([event(1, "update", 20.0), event(1, "end", 21.0)], 0.0),
     ],
 )
-def test_seconds_in_contacts_where_nothing_touches(events: list[Heard], seconds: float) -> None:
+def test_seconds_in_contacts_where_nothing_touches(
+    events: list[ReportedEvent], seconds: float
+) -> None:
     assert scored([touch(10.0, 11.0)], events).idle_contact == pytest.approx(seconds)
 
 
@@ -340,7 +357,7 @@ def test_events_without_a_begin_are_left_out() -> None:
 # -- kinds ------------------------------------------------------------------------------------------------------------
 
 
-def test_the_kind_is_the_last_one_of_the_contact_that_told_the_touch() -> None:
+def test_the_kind_is_the_last_one_of_the_contact_that_detected_the_touch() -> None:
     touches = [touch(10.0, 10.1), touch(15.0, 16.0), touch(20.0, 23.0), touch(30.0, 31.0)]
     events = [
         event(1, "begin", 10.05),
@@ -376,7 +393,7 @@ def test_the_kind_is_the_last_one_of_the_contact_that_told_the_touch() -> None:
         (10.9, "left_arm", "grip that pulls", "push"),
     ],
 )
-def test_a_grip_is_told_by_a_contact_of_its_own(
+def test_a_grip_is_reported_by_a_contact_of_its_own(
     time: float, limb: str, row: str, kind: str
 ) -> None:
     events = [
@@ -393,7 +410,7 @@ def test_a_grip_is_told_by_a_contact_of_its_own(
 
 
 def test_failures_are_counted() -> None:
-    good = heard_take([touch(10.0, 11.0)], begins(10.1, 20.0))
+    good = observed_take([touch(10.0, 11.0)], begins(10.1, 20.0))
     tipped = replace(
         good,
         failure="tipped over",
@@ -403,21 +420,21 @@ def test_failures_are_counted() -> None:
     )
     result = score_robot(robot(good, tipped), "ours", LIMBS)
     assert (len(result.takes), result.failed_takes, result.failed_touches) == (1, 1, 2)
-    assert (result.takes[0].touches[0].felt, result.takes[0].false_begins) == (True, 1)
+    assert (result.takes[0].touches[0].detected, result.takes[0].false_begins) == (True, 1)
 
-    # Its owner has no observer: nothing is felt, and no hours count.
-    unheard = replace(good, hearings={})
-    owner = score_robot(robot(unheard, tipped, failure="no fit"), "ours", LIMBS)
+    # Its owner has no observer: nothing is detected, and no hours count.
+    unobserved = replace(good, hearings={})
+    owner = score_robot(robot(unobserved, tipped, failure="no fit"), "ours", LIMBS)
     broken = scored([touch(10.0, 11.0)], begins(10.1), failure="it stopped")
     assert (owner.failure, owner.failed_takes) == ("no fit", 1)
     for score, reason in ((owner.takes[0], "no fit"), (broken, "it stopped")):
         assert (score.failure, score.hours, score.false) == (reason, 0.0, ())
-        assert [(t.felt, t.first_limb) for t in score.touches] == [(False, None)]
+        assert [(t.detected, t.first_limb) for t in score.touches] == [(False, None)]
         assert [(t.true_kind, t.kind) for t in score.touches] == [("push", None)]
     with pytest.raises(UnknownNameError, match="observer 'ous'"):
         score_take(good, "ous", LIMBS)
     with pytest.raises(UnknownNameError):
-        score_robot(robot(unheard), "ours", LIMBS)
+        score_robot(robot(unobserved), "ours", LIMBS)
 
 
 def test_callbacks_get_what_is_new() -> None:
@@ -439,7 +456,7 @@ def test_callbacks_get_what_is_new() -> None:
         replace(first, phase="end", time=2.65, joint="HeadYaw", limb="head"),
         replace(other, phase="end", time=2.9),
     ]
-    result = heard(events)
+    result = reported_events(events)
     assert [(e.id, e.phase, e.time) for e in result] == [
         (1, "begin", 2.1),
         (1, "update", 2.3),
@@ -450,6 +467,6 @@ def test_callbacks_get_what_is_new() -> None:
         (1, "end", 2.65),
         (2, "end", 2.9),
     ]
-    told = result[5]
-    assert (told.kind, told.limb, told.joint) == ("collision", "head", "HeadYaw")
-    assert told.direction == -first.direction
+    reported = result[5]
+    assert (reported.kind, reported.limb, reported.joint) == ("collision", "head", "HeadYaw")
+    assert reported.direction == -first.direction
