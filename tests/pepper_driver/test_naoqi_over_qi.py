@@ -17,9 +17,9 @@ from pepper_driver.backends.naoqi_server.launch import StandIn
 from pepper_driver.backends.naoqi_server.tls import Login
 from pepper_driver.cli.app import run
 from pepper_driver.config import load_robot
-from pepper_driver.observer import Contact
 from pepper_driver.realtime import RealTimePacer, priority_obstacle
 from support.naoqi_fakes import address_of
+from support.pushes import joints_of_a_push
 from support.stand_ins import PATIENT, patient_driver, since, url
 from support.waiting import wait_until
 
@@ -73,15 +73,8 @@ def test_a_robot_is_taken_over_driven_and_given_back(robot: StandIn, backend: Ba
     assert wait_until(lambda: not robot.black_box(1).wheel_command.any())
 
 
-def test_a_whole_pepper_feels_a_push(robot: StandIn) -> None:
-    felt: list[Contact] = []
-    with Pepper(url(robot), safety=PATIENT) as pepper:
-        pepper.on_contact()(felt.append)
-        pepper.set_posture({"LShoulderRoll": 0.6}, duration=1.5)
-        pepper.run(2.5)
-        pepper.push("LBicep", [0.0, 30.0, 0.0], point=[0.16, 0.0, 0.0], duration=1.0)
-        pepper.run(1.5)
-    assert [contact.joint for contact in felt][:1] == ["LShoulderRoll"]
+def test_a_whole_pepper_detects_a_push(robot: StandIn) -> None:
+    assert joints_of_a_push(Pepper(url(robot), safety=PATIENT))[:1] == ["LShoulderRoll"]
 
 
 def priorities() -> list[int]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from pepper_driver.config import Experiment, load_robot
 from pepper_driver.config.loading import parse
+from pepper_driver.observer import Contact
 from pepper_driver.robot import Pepper
 
 ROBOT = load_robot()
@@ -50,11 +51,11 @@ PUSHED_ARMS = parse(
 )
 """Random set-points of both arms, with one push in motion and one at rest in every period."""
 
-_FOLDER = TemporaryDirectory()  # gone when the tests are over
+_FOLDER = TemporaryDirectory()  # removed when the tests are over
 
 
 def make_pepper(base: Literal["fixed", "rolling"] = "fixed") -> Pepper:
-    """A Pepper that feels nothing."""
+    """A Pepper without an observer."""
     path = Path(_FOLDER.name) / f"{base}.yaml"
     path.write_text(f"extends: nominal\nname: {base}\ndescription: ''\nbase: {base}\n")
     return Pepper(f"mujoco://?plant={path}", observer=None, robot=ROBOT)
@@ -64,3 +65,15 @@ def limit_degrees(pepper: Pepper, joint: str) -> float:
     """Equivalent degrees that alone ask of a joint's board all it can hold."""
     plant, index = pepper.backend.plant, ROBOT.joint_index(joint)
     return float(np.degrees(plant.torque_limit[index] / plant.stiffness[index]))
+
+
+def joints_of_a_push(pepper: Pepper) -> list[str | None]:
+    """Joints of the contacts that a program receives while a robot raises its left arm and is pushed on it."""
+    received: list[Contact] = []
+    with pepper:
+        pepper.on_contact()(received.append)
+        pepper.set_posture({"LShoulderRoll": 0.6}, duration=1.5)
+        pepper.run(2.5)
+        pepper.push("LBicep", [0.0, 30.0, 0.0], point=[0.16, 0.0, 0.0], duration=1.0)
+        pepper.run(1.5)
+    return [contact.joint for contact in received]
