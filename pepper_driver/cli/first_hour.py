@@ -59,7 +59,10 @@ def first_hour(
     ],
     backend: Annotated[str, typer.Option(metavar="URI", help="The robot.")] = "mujoco",
     label: Annotated[
-        LabelSource, typer.Option(help="Source of the labels of touches; key is the space bar.")
+        LabelSource,
+        typer.Option(
+            help="Source of the labels of touches; key is the space bar, and q then stops the robot."
+        ),
     ] = "key",
     prompts: Annotated[
         str | None,

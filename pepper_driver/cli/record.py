@@ -13,6 +13,7 @@ from pepper_driver.config.file_lock import lock_file
 from pepper_driver.config.touch_prompts import load_touch_prompts
 from pepper_driver.recording.labels import LabelSource
 from pepper_driver.recording.record import label_text, prompt_text, record_labelled
+from pepper_driver.recording.terminal_keys import SpaceBar
 
 DEFAULT_SECONDS = 60.0
 """[s] for which a robot that plays nothing holds its posture."""
@@ -22,7 +23,7 @@ def record(
     out: Annotated[Path, typer.Option(metavar="LOG", help="MCAP log to write.")],
     label: Annotated[
         LabelSource,
-        typer.Option(help="Source of the labels; key is the space bar."),
+        typer.Option(help="Source of the labels; key is the space bar, and q stops the robot."),
     ],
     backend: Annotated[str, typer.Option(metavar="URI", help="Robot to record.")] = "mujoco",
     seconds: Annotated[
@@ -65,7 +66,10 @@ def record(
         ),
     ] = None,
 ) -> None:
-    """Record a run with labels of touches: on a real robot too. Ctrl-C ends it; what was recorded stays."""
+    """Record a run with labels of touches: on a real robot too. Ctrl-C ends it; what was recorded stays.
+
+    The space bar or q stops the robot at once. With --label key the space bar labels touches, and q alone stops it.
+    """
     console = make_console()
     check_outputs(out)
     lock_file(out).release()  # what the log would refuse, before the robot moves
@@ -79,7 +83,7 @@ def record(
 
     def start() -> None:
         how = (
-            "press the space bar before a touch, and again after it"
+            f"press the space bar before a touch, and again after it; {SpaceBar.HELP}"
             if label == "key"
             else f"touch the robot; '{label}' labels it"
         )

@@ -23,7 +23,7 @@ from pepper_driver.identification.runs import (
 from pepper_driver.recording.record import step_to_stand
 
 BY_KEY = "key"
-"""Source of labels that is the space bar, which then stops nothing."""
+"""Source of labels that is the space bar, which then does not stop the robot; q does."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,7 +222,5 @@ def _words(name: StepName, label: str) -> dict[str, str]:
     if name == "pack":
         stop = "none: the robot does not move"
     elif name == "touches" and label == BY_KEY:
-        stop = (
-            "one hand at the emergency stop; chest button or Ctrl-C: the space bar labels touches"
-        )
+        stop = "one hand at the emergency stop; q or chest button: the space bar labels touches"
     return {**_WORDS[name], "stop": stop}

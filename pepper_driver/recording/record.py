@@ -95,7 +95,7 @@ def record_labelled(
 ) -> LabelledRun:
     """Run the robot, log every tick, and label touches in the log. Ctrl-C or a signal ends it; what was recorded stays.
 
-    In a terminal the space bar and q stop the robot, unless the space bar labels touches.
+    In a terminal the space bar and q stop the robot; where the space bar labels touches, q alone does.
 
     Args:
         uri: The robot. A simulated one runs in real time where the labels come from a key.
@@ -133,7 +133,8 @@ def record_labelled(
         raise LabelError("give seconds to hold the posture for, or an experiment")
     length = 0.0 if seconds is None else seconds
     robot = load_robot()
-    space_bar, by_key = SpaceBar(), source == "key"
+    by_key = source == "key"
+    space_bar = SpaceBar(lambda what: pepper.emergency_stop(what))
     labeller: Labeller | PromptedLabeller
     if prompts is None:
         labeller = make_labeller(source, robot, space_bar, link=link, joint=joint)

@@ -1,4 +1,4 @@
-"""Keys of the terminal, read next to the tick: the space bar as a switch, and as the stop of the robot."""
+"""Keys of the terminal, read next to the tick: they stop the robot, or the space bar is a switch and q stops it."""
 
 from __future__ import annotations
 
@@ -93,15 +93,21 @@ class Keys(ABC):
 
 
 class SpaceBar(Keys):
-    """A switch that each press of the space bar turns.
+    """A switch that each press of the space bar turns; q stops the robot.
+
+    Args:
+        stop: Called with what happened, on the thread that reads, at each press of q.
 
     Raises:
         NoTerminalError: On entering: standard input is not a terminal.
     """
 
-    def __init__(self) -> None:
+    HELP = "q stops the robot"
+
+    def __init__(self, stop: Callable[[str], None] = lambda what: None) -> None:
         super().__init__()
         self._presses = 0
+        self._stop_robot = stop
 
     @property
     def on(self) -> bool:
@@ -120,6 +126,8 @@ class SpaceBar(Keys):
 
     def _take(self, data: bytes) -> None:
         self._presses += data.count(b" ")
+        if b"q" in data.lower():
+            self._stop_robot("q was pressed")
 
 
 class StopKey(Keys):

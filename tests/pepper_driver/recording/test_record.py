@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pepper_driver import FaultError, FaultReason
 from pepper_driver.cli.app import run
 from pepper_driver.config import load_experiment, load_robot
 from pepper_driver.config.arrays import FloatArray
@@ -230,6 +231,28 @@ def test_a_key_labels_a_simulated_run_in_real_time(terminal: int, tmp_path: Path
     assert np.isfinite(log["tick_end"]).all(), "ticks were paced"
 
 
+def test_q_stops_a_robot_while_the_space_bar_labels_touches(terminal: int, tmp_path: Path) -> None:
+    """The label of before is kept; the space bar itself stops nothing."""
+    phases: list[str] = []
+
+    def stop(label: Label) -> None:
+        phases.append(label.phase)
+        os.write(terminal, b"q")
+
+    with pytest.raises(FaultError, match="q was pressed") as caught:
+        record_labelled(
+            "mujoco",
+            tmp_path / "run.mcap",
+            "key",
+            seconds=60.0,
+            on_label=stop,
+            on_start=lambda _: press(terminal),
+        )
+    assert caught.value.fault.reason is FaultReason.EMERGENCY_STOP
+    assert phases == ["onset"]
+    assert [label.phase for label in read_log(tmp_path / "run.mcap").labels] == ["onset"]
+
+
 def test_keys_need_a_terminal(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     with (tmp_path / "empty").open("w+") as file:
         for stdin in (file, None):
@@ -271,7 +294,9 @@ def test_the_command_in_a_terminal(tmp_path: Path) -> None:
     guard.start()
     try:
         assert process.stdout is not None
-        assert "press the space bar" in process.stdout.readline()
+        line = process.stdout.readline()
+        assert "press the space bar" in line
+        assert "q stops the robot" in line
         for phase in ("onset", "release"):
             os.write(far, b" ")
             assert phase in process.stdout.readline()

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from pepper_driver import FaultError, FaultReason, Pepper
-from pepper_driver.recording.terminal_keys import StopKey
+from pepper_driver.recording.terminal_keys import SpaceBar, StopKey
 from support.waiting import wait_until
 
 
@@ -47,6 +47,18 @@ def test_the_space_bar_and_q_stop_and_other_keys_do_not(terminal: int) -> None:
             reported.clear()
     assert not key.listening
     assert termios.tcgetattr(sys.stdin.fileno()) == before
+
+
+def test_q_stops_where_the_space_bar_is_a_switch(terminal: int) -> None:
+    reported: list[str] = []
+    with SpaceBar(reported.append) as bar:
+        os.write(terminal, b"x ")
+        assert wait_until(lambda: bar.on), "the key was not seen"
+        assert reported == []
+        os.write(terminal, b"Q")
+        assert wait_until(lambda: reported), "the key was not seen"
+        assert reported == ["q was pressed"]
+        assert bar.on
 
 
 def test_what_was_typed_before_stops_nothing(terminal: int) -> None:
