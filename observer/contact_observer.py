@@ -351,7 +351,7 @@ class ContactObserver(Observer):
         residuals = self._generator.step(tick)
         self._history.append(self._time, residuals.raw, residuals.base_raw)
         contacts, state, free, settled = self._events(residuals, tick.measurement.position)
-        self._generator.learn(residuals, free, settled, self._tracker.idle)
+        self._generator.learn(free, settled, self._tracker.idle)
         self._ticks += 1
         if contacts or self._lasting:
             self._count_contacts(contacts)

@@ -199,7 +199,6 @@ class Residuals:
         base_raw: Residual of the base before the filter, in units of its bound; NaN where it cannot be judged.
         base_residual: The same, filtered.
         base_drives: True while the base is commanded to drive, or has just been.
-        detail: Data that the generator needs again in ``learn``, when the events of the tick are known.
     """
 
     expected: FloatArray
@@ -214,7 +213,6 @@ class Residuals:
     base_raw: float = np.nan
     base_residual: float = np.nan
     base_drives: bool = False
-    detail: object = None
 
 
 class StaticGeneratorMixin:
@@ -232,9 +230,7 @@ class StaticGeneratorMixin:
         """False: it is not used."""
         return False
 
-    def learn(
-        self, residuals: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
-    ) -> None:
+    def learn(self, free: BoolArray, settled: BoolArray, untouched: bool) -> None:
         """Do nothing: the constants stay as they are."""
 
 
@@ -263,13 +259,10 @@ class ResidualGenerator(Protocol):
         """True while the inertial unit, which it uses, gives no values or always the same."""
         ...
 
-    def learn(
-        self, residuals: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
-    ) -> None:
-        """Learn from a tick, once its events are known.
+    def learn(self, free: BoolArray, settled: BoolArray, untouched: bool) -> None:
+        """Learn from the tick of the last :meth:`step`, once its events are known.
 
         Args:
-            residuals: Result of :meth:`step` for it.
             free: (n,) joints without touch now and shortly before.
             settled: (n,) joints whose contact ended in this tick.
             untouched: True if no part of the robot is touched now or was shortly before.

@@ -138,7 +138,7 @@ def _play(
         made = generator.step(tick)
         residuals.append(made.residual)
         phases.append(generator.phase.copy())
-        generator.learn(made, free, settled, True)
+        generator.learn(free, settled, True)
     return np.array(residuals), np.array(phases)
 
 

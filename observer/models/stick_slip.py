@@ -23,7 +23,7 @@ from pydantic import ConfigDict
 
 from pepper_driver.config import PepperError
 from pepper_driver.config.arrays import BoolArray, FloatArray
-from pepper_driver.config.kernels import Out, Records, kernel, make_records
+from pepper_driver.config.kernels import Out, Records, Strided, kernel, make_records
 from pepper_driver.config.loading import STRICT
 
 MIN_TRANSPORT, MAX_TRANSPORT = -3.0, 2.0
@@ -188,8 +188,8 @@ def step_stick_slip(
 def _step(
     constants: Records[StickSlipParameters],
     states: Out[Records[StickSlipState]],
-    target: FloatArray,
-    load_torque: FloatArray,
+    target: Strided[FloatArray],
+    load_torque: Strided[FloatArray],
     cycle: float,
 ) -> None:
     for j in range(len(target)):

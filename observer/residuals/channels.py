@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray
-from pepper_driver.config.kernels import Matrix, Out, Records, kernel
+from pepper_driver.config.kernels import Matrix, Out, Records, kernel, make_records
 from pepper_driver.observer.constants import MIN_SPREAD, QUIET_RATIO
 from pepper_driver.observer.models.fusion_model import FusionModel
 from pepper_driver.observer.models.stick_slip import StickSlipState
+from pepper_driver.observer.residuals.joint_tick import JointCommand, JointTick
 from pepper_driver.observer.residuals.momentum import (
     CurrentChannel,
     DerivativeFilter,
@@ -29,41 +29,36 @@ from pepper_driver.observer.residuals.prediction import (
 from pepper_driver.observer.running_filters import RunningMedian, push_median
 
 
-@dataclass(slots=True)
-class Channels:
-    """Residuals of one tick [rad]; arrays (n,) but for ``filtered``.
+class ChannelSettings:
+    """Settings of a comparison, the same for all joints.
 
     Attributes:
-        filtered: (2 n,) by the model, then by the current, after the running median.
-        residual: The smaller of both, 0 where their signs differ.
-        raw: The same before the median, NaN for joints that cannot be judged.
-        change: Derivative of the tracking error [rad/s].
-        bad: Joints that cannot be judged; None if there is none.
-        falls_behind: True if a board holds its target behind the command.
+        uses_model: False for the residual by the current alone, where there is one.
+        uses_current: False for the residual by the model alone.
+        gain: Of the derivatives: fraction of a change that their filters take in with one sample.
+        cycle: Period of the ticks [s].
     """
 
-    filtered: FloatArray
-    residual: FloatArray
-    raw: FloatArray
-    change: FloatArray
-    bad: BoolArray | None
-    falls_behind: bool
+    uses_model: bool
+    uses_current: bool
+    gain: float
+    cycle: float
 
 
 @kernel
 def _exclude_behind(
-    target: FloatArray,
+    commands: Records[JointCommand],
     model: Records[StickSlipState],
     carries: Matrix[BoolArray],
-    good: Out[BoolArray],
+    ticks: Out[Records[JointTick]],
 ) -> bool:
-    """Clear ``good`` of joints whose load depends on a board that is behind its command; return True if one is."""
+    """Mark joints whose load depends on a board that is behind its command as not good; return True if one is."""
     behind = False
-    for i in range(len(good)):
-        if abs(target[i] - model[i].target) > MIN_SPREAD:
+    for i in range(len(ticks)):
+        if abs(commands[i].target - model[i].target) > MIN_SPREAD:
             behind = True
-            for j in range(len(good)):
-                good[j] = good[j] and not carries[i, j]
+            for j in range(len(ticks)):
+                ticks[j].good = ticks[j].good and not carries[i, j]
     return behind
 
 
@@ -76,6 +71,7 @@ def _agreed(model: float, current: float) -> float:
 
 @kernel
 def _compare(
+    settings: Records[ChannelSettings],
     joints: Out[Records[PredictedJoint]],
     filters: Out[Records[DerivativeFilter]],
     channels: Out[Records[CurrentChannel]],
@@ -83,63 +79,48 @@ def _compare(
     count: int,
     ordered: Out[FloatArray],
     carries: Matrix[BoolArray],
-    no_model: BoolArray,
-    uses_model: bool,
-    uses_current: bool,
-    gain: float,
-    cycle: float,
     pushed: bool,
-    target: FloatArray,
-    load_torque: FloatArray,
-    velocity: FloatArray,
-    acceleration: FloatArray,
+    commands: Records[JointCommand],
     model: Records[StickSlipState],
-    measured: FloatArray,
-    current: FloatArray,
-    bias: FloatArray,
-    good: Out[BoolArray],
-    filtered: Out[FloatArray],
-    residual: Out[FloatArray],
-    raw: Out[FloatArray],
-    change: Out[FloatArray],
+    ticks: Out[Records[JointTick]],
 ) -> tuple[int, bool]:
-    """Compute the arrays of :class:`Channels`; return how many joints are good, and True if a board falls behind.
+    """Compute both residuals of each joint; return how many joints are good, and True if a board falls behind.
 
-    The arguments are those of :class:`Prediction`, ``current_residual``, ``differentiate`` and ``push_median``. Where a
-    joint with a model has no residual, it is no longer ``good``.
+    The arguments are those of ``current_residual``, ``differentiate`` and ``push_median``. Where a joint with a model
+    has no residual, it is no longer ``good``.
     """
-    falls_behind = _exclude_behind(target, model, carries, good)
-    good_count, n = 0, len(good)
+    falls_behind = _exclude_behind(commands, model, carries, ticks)
+    use, good_count, n = settings[0], 0, len(ticks)
     for j in range(n):
-        joint, expected = joints[j], model[j]
-        error, board_error = target[j] - measured[j], expected.target - measured[j]
-        change[j], curvature = differentiate(filters, j, error, gain, cycle)
+        tick, command, joint, expected = ticks[j], commands[j], joints[j], model[j]
+        error, board_error = command.target - tick.measured, expected.target - tick.measured
+        tick.change, curvature = differentiate(filters, j, error, use.gain, use.cycle)
         by_current, motor = current_residual(
             channels,
             j,
-            current[j],
+            tick.current,
             board_error + joint.board_integral,
-            velocity[j] - change[j],
-            acceleration[j] - curvature,
-            expected.friction + joint.load_gain * load_torque[j],
+            command.velocity - tick.change,
+            command.acceleration - curvature,
+            expected.friction + joint.load_gain * command.load_torque,
             pushed,
         )
-        if good[j]:
-            update_integral(joints, j, board_error, motor, cycle)
-        by_model = expected.position - measured[j] - bias[j]
-        by_current = by_current - bias[j] if channels[j].by_current else by_model
-        good[j] = good[j] and (math.isfinite(by_model + by_current) or no_model[j])
-        good_count += good[j]
-        if not uses_model:
+        if tick.good:
+            update_integral(joints, j, board_error, motor, use.cycle)
+        by_model = expected.position - tick.measured - joint.bias
+        by_current = by_current - joint.bias if channels[j].by_current else by_model
+        tick.good = tick.good and (math.isfinite(by_model + by_current) or joint.no_model)
+        good_count += tick.good
+        if not use.uses_model:
             by_model = by_current
-        if not uses_current:
+        if not use.uses_current:
             by_current = by_model
-        if not good[j]:
+        if not tick.good:
             by_model = by_current = 0.0
-        filtered[j] = push_median(rings, j, count, by_model, ordered)
-        filtered[n + j] = push_median(rings, n + j, count, by_current, ordered)
-        residual[j] = _agreed(filtered[j], filtered[n + j])
-        raw[j] = _agreed(by_model, by_current) if good[j] else math.nan
+        tick.by_model = push_median(rings, j, count, by_model, ordered)
+        tick.by_current = push_median(rings, n + j, count, by_current, ordered)
+        tick.residual = _agreed(tick.by_model, tick.by_current)
+        tick.raw = _agreed(by_model, by_current) if tick.good else math.nan
     return good_count, falls_behind
 
 
@@ -190,12 +171,18 @@ class ChannelComparison:
         uses_current: bool = True,
     ) -> None:
         n = len(models)
-        self._no_model = np.array([m is None for m in models])
         self._channels = current_channels(models)
         self._derivatives = ErrorDerivatives(n, cycle)
+        self._settings = make_records(
+            ChannelSettings,
+            1,
+            uses_model=uses_model,
+            uses_current=uses_current,
+            gain=self._derivatives.gain,
+            cycle=cycle,
+        )
         self._median = RunningMedian(window, 2 * n)
-        self._carries, self._cycle = carries, cycle
-        self._uses_model, self._uses_current = uses_model, uses_current
+        self._carries = carries
         self._compare = _compare.load_unchecked()
         self.reset()
 
@@ -205,35 +192,33 @@ class ChannelComparison:
         self._median.reset()
         for name in ("answered", "recent", "steady"):
             self._channels[name] = 0
-        self.hands = np.zeros(len(self._no_model), dtype=np.int64)
+        self.hands = np.zeros(len(self._channels), dtype=np.int64)
 
     def step(
         self,
         joints: Records[PredictedJoint],
         prediction: Prediction,
-        measured: FloatArray,
-        current: FloatArray,
-        bias: FloatArray,
-        good: BoolArray,
+        ticks: Records[JointTick],
         *,
         pushed: bool,
-    ) -> Channels:
+    ) -> tuple[int, bool]:
         """Take in one tick; all values finite.
 
         Args:
             joints: Of the predictor; the integrals of their boards are updated.
             prediction: For the time of the sample.
-            measured: (n,) positions [rad].
-            current: (n,) absolute [A].
-            bias: (n,) of the residuals [rad].
-            good: (n,) joints whose values are valid; those that cannot be judged are cleared.
+            ticks: (n,) with the samples, ``good`` where they are valid; their residuals are set, and ``good`` is
+                cleared where a joint cannot be judged.
             pushed: True while the base shows a push.
+
+        Returns:
+            The number of joints that are good; True if a board holds its target behind the command.
         """
-        derivatives, median, n = self._derivatives, self._median, len(good)
+        derivatives, median = self._derivatives, self._median
         if not derivatives.started:
-            derivatives.start(prediction.target - measured)
-        filtered, (residual, raw, change) = np.empty(2 * n), np.empty((3, n))
-        count, falls_behind = self._compare(
+            derivatives.start(prediction.command["target"] - ticks["measured"])
+        found = self._compare(
+            self._settings,
             joints,
             derivatives.filters,
             self._channels,
@@ -241,35 +226,13 @@ class ChannelComparison:
             median.count,
             median.ordered,
             self._carries,
-            self._no_model,
-            self._uses_model,
-            self._uses_current,
-            derivatives.gain,
-            self._cycle,
             pushed,
-            prediction.target,
-            prediction.load_torque,
-            prediction.velocity,
-            prediction.acceleration,
+            prediction.command,
             prediction.model,
-            measured,
-            current,
-            bias,
-            good,
-            filtered,
-            residual,
-            raw,
-            change,
+            ticks,
         )
         median.count += 1
-        return Channels(
-            filtered=filtered,
-            residual=residual,
-            raw=raw,
-            change=change,
-            bad=None if count == n else ~good,
-            falls_behind=falls_behind,
-        )
+        return found
 
     def put(self, where: BoolArray, error: FloatArray) -> None:
         """Forget the residuals of the joints ``where`` (n,), whose models were reset; ``error`` (n,) [rad] is new."""

@@ -35,6 +35,7 @@ from pepper_driver.observer.models.stick_slip import StickSlipState
 from pepper_driver.observer.residuals.channels import ChannelComparison, follow_hand
 from pepper_driver.observer.residuals.doubt import DoubtState, raise_threshold, step_doubt
 from pepper_driver.observer.residuals.hand_loads import HandLoads
+from pepper_driver.observer.residuals.joint_tick import JointCommand, JointTick
 from pepper_driver.observer.residuals.mobile_base import BaseGenerator
 from pepper_driver.observer.residuals.prediction import (
     MAX_LATE_TICKS,
@@ -55,8 +56,12 @@ WORN_CHANGE = 1.95
 """Growth of the spread of a residual at which a joint counts as worn."""
 
 
+EXPECTED, RAW, RESIDUAL, THRESHOLD, TORQUE, TORQUE_STD, FRICTION_BAND = range(7)
+"""Rows of the values that ``_decide`` computes."""
+
+
 @kernel
-def _check_inputs(
+def _take_in(
     target: FloatArray,
     load_torque: FloatArray,
     velocity: FloatArray,
@@ -64,36 +69,40 @@ def _check_inputs(
     measured: FloatArray,
     current: FloatArray,
     stiffness: FloatArray,
-    good: Out[BoolArray],
+    limited: BoolArray,
+    commands: Out[Records[JointCommand]],
+    ticks: Out[Records[JointTick]],
 ) -> int:
-    """Mark the joints that can be judged; return how many."""
+    """Take in the values of a tick, and mark the joints that can be judged; return how many."""
     count = 0
-    for j in range(len(good)):
+    for j in range(len(ticks)):
+        command, tick = commands[j], ticks[j]
+        command.target, command.load_torque = target[j], load_torque[j]
+        command.velocity, command.acceleration = velocity[j], acceleration[j]
+        tick.measured, tick.current, tick.limited = measured[j], current[j], limited[j]
         # One sum finds NaN and infinity in any of its terms; NaN compares as False.
         inputs = abs(target[j]) + abs(load_torque[j]) + abs(velocity[j]) + abs(acceleration[j])
         inputs = inputs + abs(measured[j]) + abs(current[j])
-        good[j] = inputs < MAX_PLAUSIBLE and stiffness[j] >= MIN_OBSERVED_STIFFNESS
-        count += good[j]
+        tick.good = inputs < MAX_PLAUSIBLE and stiffness[j] >= MIN_OBSERVED_STIFFNESS
+        count += tick.good
     return count
 
 
 @kernel
-def _join_limbs(
-    limbs: IntArray, count: int, residual: FloatArray, threshold: Out[FloatArray]
-) -> None:
+def _join_limbs(limbs: IntArray, count: int, ticks: Out[Records[JointTick]]) -> None:
     """Lower the thresholds of joints of a limb together, so that the largest ratio becomes the norm of all of them."""
     for limb in range(count):
         largest, square = 0.0, 0.0
         for j in range(len(limbs)):
             if limbs[j] == limb:
-                ratio = abs(residual[j]) / threshold[j]
+                ratio = abs(ticks[j].residual) / ticks[j].threshold
                 if math.isfinite(ratio):
                     largest, square = max(largest, ratio), square + ratio * ratio
         if square > 0.0:
             share = largest / math.sqrt(square)
             for j in range(len(limbs)):
                 if limbs[j] == limb:
-                    threshold[j] *= share
+                    ticks[j].threshold *= share
 
 
 @kernel
@@ -105,29 +114,29 @@ def _set_thresholds(
     rest_ticks: int,
     limbs: IntArray,
     doubts: Records[DoubtState],
+    commands: Records[JointCommand],
     model: Records[StickSlipState],
-    desired: FloatArray,
     load_doubt: FloatArray,
-    limited: BoolArray,
-    own: Out[FloatArray],
-    raised: Out[FloatArray],
+    ticks: Out[Records[JointTick]],
 ) -> None:
     """Compute the threshold of each joint alone, and the same raised where it is in doubt."""
-    for j in range(len(own)):
-        own[j] = step_threshold(
+    for j in range(len(ticks)):
+        ticks[j].own_threshold = step_threshold(
             spreads,
             states,
             factors,
             smallest,
             j,
             model[j].velocity,
-            desired[j],
-            limited[j],
+            commands[j].velocity,
+            ticks[j].limited,
             rest_ticks,
         )
-    for j in range(len(own)):
-        own[j] += load_margin(states, limbs, j, load_doubt[j], rest_ticks)
-        raised[j] = raise_threshold(doubts, j, own[j])
+    for j in range(len(ticks)):
+        tick = ticks[j]
+        tick.own_threshold += load_margin(states, limbs, j, load_doubt[j], rest_ticks)
+        tick.raised_threshold = raise_threshold(doubts, j, tick.own_threshold)
+        tick.threshold = tick.raised_threshold
 
 
 @kernel
@@ -141,100 +150,73 @@ def _decide(
     count: int,
     doubts: Out[Records[DoubtState]],
     hands: Out[IntArray],
-    target: FloatArray,
-    load_torque: FloatArray,
+    commands: Records[JointCommand],
     model: Records[StickSlipState],
-    filtered: FloatArray,
-    bias: FloatArray,
-    measured: FloatArray,
-    current: FloatArray,
-    own: FloatArray,
-    blind: BoolArray,
-    residual: Out[FloatArray],
-    threshold: Out[FloatArray],
-    torque: Out[FloatArray],
-    torque_std: Out[FloatArray],
-    expected: Out[FloatArray],
-    band: Out[FloatArray],
+    ticks: Out[Records[JointTick]],
+    values: Out[Matrix[FloatArray]],
     doubtful: Out[BoolArray],
 ) -> None:
-    """Compute what :class:`Residuals` has of each joint."""
-    _join_limbs(limbs, limb_count, residual, threshold)
-    n = len(residual)
-    for j in range(n):
-        moving, by_model, by_current = thresholds[j].moving, filtered[j], filtered[n + j]
-        residual[j] = follow_hand(hands, j, residual[j], by_current, threshold[j])
-        torque[j], torque_std[j] = estimate_torque(
+    """Compute ``values`` and ``doubtful`` of :class:`Residuals`, and in ``ticks`` those that ``_learn`` needs."""
+    _join_limbs(limbs, limb_count, ticks)
+    for j in range(len(ticks)):
+        tick, command, moving = ticks[j], commands[j], thresholds[j].moving
+        residual = follow_hand(hands, j, tick.residual, tick.by_current, tick.threshold)
+        torque, torque_std = estimate_torque(
             torques,
             currents,
             count,
             j,
-            by_model,
-            by_current,
+            tick.by_model,
+            tick.by_current,
             model[j].friction,
-            threshold[j],
-            measured[j],
+            tick.threshold,
+            tick.measured,
             moving,
-            load_torque[j],
-            current[j],
+            command.load_torque,
+            tick.current,
         )
-        doubtful[j] = step_doubt(doubts, j, by_model, residual[j], own[j], moving, blind[j])
-        expected[j] = target[j] - model[j].position + bias[j]
-        band[j] = friction_band(joints, j, load_torque[j], moving)
-        if blind[j]:
-            expected[j] = residual[j] = threshold[j] = torque[j] = torque_std[j] = math.nan
+        tick.doubtful = step_doubt(
+            doubts, j, tick.by_model, residual, tick.own_threshold, moving, tick.blind
+        )
+        expected = command.target - model[j].position + joints[j].bias
+        band = friction_band(joints, j, command.load_torque, moving)
+        if tick.blind:
+            expected = residual = tick.threshold = torque = torque_std = math.nan
+        tick.residual = residual
+        values[EXPECTED, j], values[RAW, j], values[RESIDUAL, j] = expected, tick.raw, residual
+        values[THRESHOLD, j], values[FRICTION_BAND, j] = tick.threshold, band
+        values[TORQUE, j], values[TORQUE_STD, j] = torque, torque_std
+        doubtful[j] = tick.doubtful
 
 
 @kernel
 def _learn(
-    joints: Records[PredictedJoint],
+    joints: Out[Records[PredictedJoint]],
     states: Out[Records[StickSlipState]],
     spreads: Out[Records[SpreadState]],
     thresholds: Out[Records[ThresholdState]],
-    residual: FloatArray,
-    threshold: FloatArray,
     model: Records[StickSlipState],
     free: BoolArray,
-    blind: BoolArray,
-    doubtful: BoolArray,
-    limited: BoolArray,
     bias_pace: float,
     model_pace: float,
     learns_spread: bool,
-    bias: Out[FloatArray],
-    sliding: Out[BoolArray],
+    ticks: Out[Records[JointTick]],
 ) -> None:
     """Learn from the joints without touch that can be judged; mark those that slide, and those that are touched."""
-    n = len(residual)
+    n = len(ticks)
     for j in range(n):
-        thresholds[j].touched = not (free[j] or blind[j] or doubtful[j])
-        seen = free[j] and not (blind[j] or limited[j])
-        sliding[j] = seen and abs(model[j].velocity) > REST_SPEED
+        tick = ticks[j]
+        thresholds[j].touched = not (free[j] or tick.blind or tick.doubtful)
+        seen = free[j] and not (tick.blind or tick.limited)
+        tick.sliding = seen and abs(model[j].velocity) > REST_SPEED
         if not seen:
             continue
-        if abs(residual[j]) < QUIET_RATIO * threshold[j]:
-            bias[j] += bias_pace * residual[j]
-            if not sliding[j]:
-                rest(joints, states, j, residual[j], model_pace)
+        if abs(tick.residual) < QUIET_RATIO * tick.raised_threshold:
+            joints[j].bias += bias_pace * tick.residual
+            if not tick.sliding:
+                rest(joints, states, j, tick.residual, model_pace)
         if learns_spread:
-            learn_spread(spreads, thresholds[j].phase * n + j, residual[j], MIN_SPREAD)
-
-
-@dataclass(slots=True)
-class _Detail:
-    """Values of a tick, (n,) each.
-
-    Attributes:
-        prediction: Of the tick.
-        measured: Position [rad].
-        limited: Joints whose command the safety gate altered.
-        threshold: Of each joint alone [rad].
-    """
-
-    prediction: Prediction
-    measured: FloatArray
-    limited: BoolArray
-    threshold: FloatArray
+            learn_spread(spreads, thresholds[j].phase * n + j, tick.residual, MIN_SPREAD)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -343,7 +325,7 @@ class FusionGenerator:
         )
         self._loads, self._no_doubt = loads, np.zeros(n)
         self._confirmation = BaseConfirmation(limb_numbers)
-        self._check_inputs = _check_inputs.load_unchecked()
+        self._take_in = _take_in.load_unchecked()
         self._set_thresholds = _set_thresholds.load_unchecked()
         self._decide, self._learn = _decide.load_unchecked(), _learn.load_unchecked()
         self._bias_pace = cycle / BIAS_TIME if adapt and parts.bias else 0.0
@@ -365,61 +347,53 @@ class FusionGenerator:
         self._blind_countdown = 0
         self._confirmation.reset()
         self._doubts = make_records(DoubtState, n)
-        self._change, self._bias = np.zeros(n), np.zeros(n)
+        self._command = make_records(JointCommand, n)
+        self._ticks = make_records(JointTick, n, blind=self.no_model)
+        self._prediction: Prediction | None = None
         self._settling_ticks = np.zeros(n, dtype=np.int64)
         self._settling_countdown = 0
 
     def step(self, tick: Tick) -> Residuals:
         """Take in one tick."""
         measurement, reference, n = tick.measurement, tick.reference, len(self.no_model)
-        target, load_torque = tick.sent.position, reference.load_torque
-        velocity, acceleration = reference.velocity, reference.acceleration
-        measured, current = measurement.position, measurement.current
-        limited, good = tick.limited, np.empty(n, np.bool_)
-        count = self._check_inputs(
-            target,
-            load_torque,
-            velocity,
-            acceleration,
-            measured,
-            current,
+        command, ticks = self._command, self._ticks
+        count = self._take_in(
+            tick.sent.position,
+            reference.load_torque,
+            reference.velocity,
+            reference.acceleration,
+            measurement.position,
+            measurement.current,
             tick.sent.stiffness,
-            good,
+            tick.limited,
+            command,
+            ticks,
         )
         late = measurement.age / self._cycle
         lost = not 0.0 <= late < MAX_LATE_TICKS + 0.5  # also for NaN
         late_ticks = 0 if lost else round(late)
         if lost:
-            good[:], count = False, 0
+            ticks["good"], count = False, 0
         if count < n:
-            target, measured = self._replace_invalid(target, measured)
-            load_torque = _zero_invalid(load_torque)
-            velocity, acceleration = _zero_invalid(velocity), _zero_invalid(acceleration)
-            current = _zero_invalid(current)
+            self._replace_invalid()
         if self._loads is not None:
             if count == n:
-                self._loads.step(target, velocity, acceleration)
+                self._loads.step(tick.sent.position, reference.velocity, reference.acceleration)
             elif not lost:
                 # A limp joint hangs elsewhere than its command.
-                moves = np.where(good, (velocity, acceleration), 0.0)
-                self._loads.step(np.where(good, target, measured), *moves)
-            load_torque = load_torque + self._loads.torque
-        self._predictor.step(target, load_torque, velocity, acceleration, measured)
+                good = ticks["good"]
+                moves = np.where(good, (command["velocity"], command["acceleration"]), 0.0)
+                self._loads.step(np.where(good, command["target"], ticks["measured"]), *moves)
+            load_torque = command["load_torque"]
+            load_torque += self._loads.torque
+        self._predictor.step(command, ticks["measured"])
         # A late sample is the response to an older command.
-        prediction = self._predictor.before(late_ticks)
-        channels = self._channels.step(
-            self._predictor.joints,
-            prediction,
-            measured,
-            current,
-            self._bias,
-            good,
-            pushed=self._confirmation.pushed,
+        self._prediction = prediction = self._predictor.before(late_ticks)
+        good_count, falls_behind = self._channels.step(
+            self._predictor.joints, prediction, ticks, pushed=self._confirmation.pushed
         )
-        self._change = channels.change
-        blind = self._blind(channels.bad, measured)
+        blind = self._blind(None if good_count == n else ~ticks["good"])
         thresholds, torques = self._threshold, self._torque
-        own, alone = np.empty((2, n))
         self._set_thresholds(
             thresholds.spreads,
             thresholds.states,
@@ -428,22 +402,19 @@ class FusionGenerator:
             thresholds.rest_ticks,
             self._limbs,
             self._doubts,
+            prediction.command,
             prediction.model,
-            prediction.velocity,
             self._no_doubt if self._loads is None else self._loads.doubt,
-            limited,
-            own,
-            alone,
+            ticks,
         )
-        threshold = alone.copy()
         base = (np.nan, np.nan)
         if self._base is not None:
-            base = self._base.step(tick, late_ticks > 0, lost, channels.falls_behind)
+            base = self._base.step(tick, late_ticks > 0, lost, falls_behind)
             if self._confirmation.step(base[1]) and self._parts.confirmation:
                 # Quiet when a push began that shows only now.
                 fresh = self._doubts["loud_ticks"] <= PUSH_TICKS
-                self._confirmation.lower(threshold, channels.residual, fresh, blind)
-        (torque, torque_std, expected, band), doubtful = np.empty((4, n)), np.empty(n, np.bool_)
+                self._confirmation.lower(ticks["threshold"], ticks["residual"], fresh, blind)
+        values, doubtful = np.empty((FRICTION_BAND + 1, n)), np.empty(n, np.bool_)
         self._decide(
             self._limbs,
             self._limb_count,
@@ -454,28 +425,18 @@ class FusionGenerator:
             torques.count,
             self._doubts,
             self._channels.hands,
-            prediction.target,
-            prediction.load_torque,
+            prediction.command,
             prediction.model,
-            channels.filtered,
-            self._bias,
-            measured,
-            current,
-            own,
-            blind,
-            channels.residual,
-            threshold,
-            torque,
-            torque_std,
-            expected,
-            band,
+            ticks,
+            values,
             doubtful,
         )
         torques.count += 1
+        expected, raw, residual, threshold, torque, torque_std, band = values
         return Residuals(
             expected=expected,
-            raw=channels.raw,
-            residual=channels.residual,
+            raw=raw,
+            residual=residual,
             threshold=threshold,
             torque=torque,
             torque_std=torque_std,
@@ -485,10 +446,9 @@ class FusionGenerator:
             base_raw=base[0],
             base_residual=base[1],
             base_drives=self._base is not None and self._base.drives,
-            detail=_Detail(prediction, measured, limited, alone),
         )
 
-    def _blind(self, bad: BoolArray | None, measured: FloatArray) -> BoolArray:
+    def _blind(self, bad: BoolArray | None) -> BoolArray:
         """Return the (n,) joints that cannot be judged; their stick-slip models follow the measured position."""
         if bad is not None:
             # One tick more than the window, because this tick is counted down at once.
@@ -499,19 +459,22 @@ class FusionGenerator:
         self._blind_countdown -= 1
         self._blind_ticks = np.maximum(self._blind_ticks - 1, 0)
         still_blind = self._blind_ticks > 0
-        self._reset_models(still_blind & ~self.no_model, measured)
+        self._reset_models(still_blind & ~self.no_model)
         blind: BoolArray = still_blind | self.no_model
+        self._ticks["blind"] = blind
         return blind
 
-    def _replace_invalid(
-        self, target: FloatArray, measured: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return both with the model's position in place of values that are not valid; at first with the target."""
+    def _replace_invalid(self) -> None:
+        """Replace positions that are not valid by those of the models, at first by the target; other values by 0."""
         # NaN would stay in the states of models and filters for ever.
-        here = self._predictor.position
+        command, ticks, here = self._command, self._ticks, self._predictor.position
+        target, measured = command["target"], ticks["measured"]
         harmless = _zero_invalid(target) if here is None else np.nan_to_num(here)
-        measured = np.where(np.abs(measured) < MAX_PLAUSIBLE, measured, harmless)
-        return np.where(np.abs(target) < MAX_PLAUSIBLE, target, measured), measured
+        measured[:] = np.where(np.abs(measured) < MAX_PLAUSIBLE, measured, harmless)
+        target[:] = np.where(np.abs(target) < MAX_PLAUSIBLE, target, measured)
+        for name in ("load_torque", "velocity", "acceleration"):
+            command[name] = _zero_invalid(command[name])
+        ticks["current"] = _zero_invalid(ticks["current"])
 
     @property
     def phase(self) -> IntArray:
@@ -528,40 +491,31 @@ class FusionGenerator:
         """True if the inertial unit gives no values any more; see :class:`BaseGenerator`."""
         return self._base is not None and self._base.misses_inertial_unit
 
-    def learn(
-        self, residuals: Residuals, free: BoolArray, settled: BoolArray, untouched: bool
-    ) -> None:
-        """Learn from a tick, once its events are known; see :class:`ResidualGenerator`."""
-        detail, residual, blind = residuals.detail, residuals.residual, residuals.blind
-        assert isinstance(detail, _Detail)
-        self._settle(settled, blind, detail.measured)
-        sliding = np.empty(len(residual), np.bool_)
+    def learn(self, free: BoolArray, settled: BoolArray, untouched: bool) -> None:
+        """Learn from the last tick, once its events are known; see :class:`ResidualGenerator`."""
+        ticks, prediction = self._ticks, self._prediction
+        assert prediction is not None  # of the last tick
+        self._settle(settled)
         self._learn(
             self._predictor.joints,
             self._predictor.states,
             self._threshold.spreads,
             self._threshold.states,
-            residual,
-            detail.threshold,
-            detail.prediction.model,
+            prediction.model,
             free,
-            blind,
-            residuals.doubtful,
-            detail.limited,
             self._bias_pace if untouched else 0.0,
             self._model_pace,
             self._adapt and untouched,
-            self._bias,
-            sliding,
+            ticks,
         )
         self._confirmation.untouched = untouched
         if untouched:
             if self._loads is not None:
-                self._loads.learn(residual, detail.threshold, sliding)
+                self._loads.learn(ticks["residual"], ticks["raised_threshold"], ticks["sliding"])
             if self._base is not None:
                 self._base.learn()
 
-    def _settle(self, settled: BoolArray, blind: BoolArray, measured: FloatArray) -> None:
+    def _settle(self, settled: BoolArray) -> None:
         """Reset the stick-slip models of joints that come to rest after a contact."""
         if np.count_nonzero(settled):
             self._settling_ticks[settled] = self._settling_countdown = SETTLING_TICKS + 1
@@ -570,15 +524,17 @@ class FusionGenerator:
         self._settling_countdown -= 1
         self._settling_ticks = np.maximum(self._settling_ticks - 1, 0)
         # A model that starts during a motion would have its friction in the wrong direction.
-        rests = ~self._threshold.states["moving"] & (np.abs(self._change) <= REST_SPEED)
-        settles = (self._settling_ticks > 0) & rests & ~blind
+        slow = np.abs(self._ticks["change"]) <= REST_SPEED
+        rests = slow & ~self._threshold.states["moving"] & ~self._ticks["blind"]
+        settles = (self._settling_ticks > 0) & rests
         self._settling_ticks[settles] = 0
-        self._reset_models(settles, measured)
+        self._reset_models(settles)
 
-    def _reset_models(self, where: BoolArray, measured: FloatArray) -> None:
+    def _reset_models(self, where: BoolArray) -> None:
         """Reset the stick-slip models to the measured positions."""
         if np.count_nonzero(where):
-            self._channels.put(where, self._predictor.before(0).target - measured)
+            measured = self._ticks["measured"].copy()
+            self._channels.put(where, self._predictor.before(0).command["target"] - measured)
             self._predictor.put(where, measured)
 
 

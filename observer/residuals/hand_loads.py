@@ -14,7 +14,7 @@ import numpy as np
 
 from pepper_driver.config import RobotConfig
 from pepper_driver.config.arrays import BoolArray, FloatArray, IntArray
-from pepper_driver.config.kernels import Matrix, Out, kernel
+from pepper_driver.config.kernels import Matrix, Out, Strided, kernel
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.observer.constants import (
     LOAD_MASS_STD,
@@ -56,9 +56,9 @@ def _learn_load(
     effect: Matrix[FloatArray],
     joints: IntArray,
     load_gain: FloatArray,
-    residual: FloatArray,
-    threshold: FloatArray,
-    use: BoolArray,
+    residual: Strided[FloatArray],
+    threshold: Strided[FloatArray],
+    use: Strided[BoolArray],
     prior: Matrix[FloatArray],
     load: Out[FloatArray],
     covariance: Out[Matrix[FloatArray]],

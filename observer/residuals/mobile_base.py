@@ -44,22 +44,56 @@ MIN_SPREADS = np.array([0.0005, 0.0005, 0.002, 0.0005, 0.005, 0.005])
 """Smallest spread of each output: a step of its sensor."""
 
 
-class BaseTicks:
-    """Ticks since an event of the commands.
+class BaseState:
+    """Constants and state of the base.
 
     Attributes:
-        standing: Since a wheel was commanded to turn faster than REST_SPEED.
-        still: Since a joint was commanded to move faster than ROCKING_SPEED.
-        smooth: Since a joint was commanded to accelerate faster than SHAKING_ACCELERATION.
+        settling: Ticks after which it has settled from a command to move, or from joints that shook it.
+        memory: Ticks without a value of the inertial unit after which its level is unknown.
+        pace: Fraction of a residual by which this level follows it in a tick.
+        factor: Of thresholds over spreads.
+        standing: Ticks since a wheel was commanded to turn faster than REST_SPEED.
+        still: Ticks since a joint was commanded to move faster than ROCKING_SPEED.
+        smooth: Ticks since a joint was commanded to accelerate faster than SHAKING_ACCELERATION.
+        repeats: Ticks for which the inertial unit has repeated its values.
     """
 
+    settling: int
+    memory: int
+    pace: float
+    factor: float
     standing: int
     still: int
     smooth: int
+    repeats: int
+
+
+class BaseOutput:
+    """One output of the base. The last three values are of the inertial unit, whose outputs alone have them.
+
+    Attributes:
+        predicted: By the commands of the last tick.
+        error: Predicted minus measured, in the last sample; 0 where it is not measured.
+        filtered: The same, filtered.
+        seen: True if it was measured.
+        value: In the previous sample; NaN before the first one.
+        missing: Ticks for which it has been missing.
+        level: Mean of the value that was not predicted; NaN before the first sample, and when it is missing for long.
+    """
+
+    predicted: float
+    error: float
+    filtered: float
+    seen: bool
+    value: float
+    missing: int
+    level: float
 
 
 @kernel
 def _respond(
+    state: Out[Records[BaseState]],
+    outputs: Out[Records[BaseOutput]],
     inputs: Out[Matrix[FloatArray]],
     count: int,
     sent_speed: FloatArray,
@@ -69,13 +103,12 @@ def _respond(
     legs: IntArray,
     inverse: Matrix[FloatArray],
     response: Block[FloatArray],
-    settling: int,
-    ticks: Out[Records[BaseTicks]],
-    predicted: Out[FloatArray],
 ) -> int:
     """Take in the commands of the tick number ``count``; return the phase of the base.
 
     Args:
+        state: (1,) of the base.
+        outputs: (6,) whose predictions are set.
         inputs: Ring of one row per tick: commanded base twist, load of the legs.
         count: Number of the tick. In the first one, 0, the load is taken as constant before.
         sent_speed: (3,) commanded wheel speeds [rad/s].
@@ -85,9 +118,6 @@ def _respond(
         legs: Indices of the leg joints.
         inverse: (3, 3) from wheel speeds to the base twist.
         response: By tick and input, (6,) response of the outputs.
-        settling: Ticks after which the base has settled from a command to move, or from joints that shook it.
-        ticks: (1,) since events.
-        predicted: (6,) outputs.
     """
     newest = -count % TAPS  # rows after it are older
     now, total = inputs[newest], 0.0
@@ -104,91 +134,84 @@ def _respond(
         now[:] = inputs[(newest + 1) % TAPS]
     if count == 0:
         inputs[:, 3:] = now[3:]
-    predicted[:] = 0.0
+    predicted = np.zeros(len(outputs))
     for tap in range(TAPS):
         then = inputs[(newest + tap) % TAPS]
         for i in range(len(then)):
             for output in range(len(predicted)):
                 predicted[output] += then[i] * response[tap, i, output]
-    since = ticks[0]
-    since.standing += 1
-    since.still += 1
-    since.smooth += 1
+    for output in range(len(outputs)):
+        outputs[output].predicted = predicted[output]
+    base = state[0]
+    base.standing += 1
+    base.still += 1
+    base.smooth += 1
     # NaN compares as False.
     for wheel in range(3):
         if not abs(sent_speed[wheel]) < REST_SPEED:
-            since.standing = 0
+            base.standing = 0
     for j in range(len(velocity)):
         if not abs(velocity[j]) < ROCKING_SPEED:
-            since.still = 0
+            base.still = 0
         if not abs(acceleration[j]) < SHAKING_ACCELERATION:
-            since.smooth = 0
-    if since.standing < settling:
+            base.smooth = 0
+    if base.standing < base.settling:
         return DRIVING
-    if since.smooth < settling:
+    if base.smooth < base.settling:
         return SHAKING
-    return MOVING if since.still < TAPS else STILL
+    return MOVING if base.still < TAPS else STILL
 
 
 @kernel
 def _compare(
-    predicted: FloatArray,
-    wheel_speed: FloatArray,
+    state: Out[Records[BaseState]],
+    outputs: Out[Records[BaseOutput]],
     inverse: Matrix[FloatArray],
+    wheel_speed: FloatArray,
     angular_velocity: FloatArray,
     acceleration: FloatArray,
-    memory: int,
-    inertial: Out[FloatArray],
-    repeats: Out[IntArray],
-    missing: Out[IntArray],
-    level: Out[FloatArray],
-    seen: Out[BoolArray],
-    error: Out[FloatArray],
 ) -> bool:
-    """Compute predicted minus measured outputs (6,), all 0 if they are not valid; return True if they are.
+    """Compute the errors of the outputs, all 0 if they are not valid; return True if they are.
 
     Args:
-        predicted: (6,) outputs.
-        wheel_speed: (3,) measured [rad/s].
+        state: (1,) of the base.
+        outputs: (6,) with their predictions.
         inverse: (3, 3) from wheel speeds to the base twist.
+        wheel_speed: (3,) measured [rad/s].
         angular_velocity: (3,) of the inertial unit [rad/s].
         acceleration: (3,) of the inertial unit [m/s2].
-        memory: Ticks without a value after which its level is unknown.
-        inertial: (3,) yaw rate and horizontal acceleration of the previous sample; is set to those of this one.
-        repeats: (1,) ticks for which the inertial unit has repeated its values.
-        missing: (3,) ticks for which a value of the inertial unit has been missing.
-        level: (3,) of the inertial unit; NaN before the first sample, and when a value is missing for long.
-        seen: (6,) outputs that were measured.
-        error: (6,) is set; 0 where a value is missing.
     """
-    repeats[0] += 1
+    base = state[0]
+    base.repeats += 1
     for axis in range(3):
         value = angular_velocity[2] if axis == 0 else acceleration[axis - 1]
         # NaN differs from itself.
-        if value != inertial[axis]:
-            repeats[0] = 0
-        inertial[axis] = value
+        if value != outputs[3 + axis].value:
+            base.repeats = 0
+        outputs[3 + axis].value = value
     valid = True
     for axis in range(3):
-        error[axis] = predicted[axis]
+        by_wheels, by_unit = outputs[axis], outputs[3 + axis]
+        by_wheels.error = by_wheels.predicted
         for wheel in range(3):
-            error[axis] -= inverse[axis, wheel] * wheel_speed[wheel]
-        beyond = inertial[axis] - predicted[3 + axis]
-        seen[3 + axis] = repeats[0] < FROZEN_TICKS and abs(beyond) < MAX_PLAUSIBLE
-        valid = valid and abs(error[axis]) < MAX_PLAUSIBLE
-        if not seen[3 + axis]:
-            error[3 + axis] = 0.0
-            missing[axis] += 1
-            if missing[axis] > memory:
-                level[axis] = math.nan
+            by_wheels.error -= inverse[axis, wheel] * wheel_speed[wheel]
+        beyond = by_unit.value - by_unit.predicted
+        by_unit.seen = base.repeats < FROZEN_TICKS and abs(beyond) < MAX_PLAUSIBLE
+        valid = valid and abs(by_wheels.error) < MAX_PLAUSIBLE
+        if not by_unit.seen:
+            by_unit.error = 0.0
+            by_unit.missing += 1
+            if by_unit.missing > base.memory:
+                by_unit.level = math.nan
             continue
-        missing[axis] = 0
-        if math.isnan(level[axis]):
-            level[axis] = beyond
-        error[3 + axis] = level[axis] - beyond
-        valid = valid and abs(error[3 + axis]) < MAX_PLAUSIBLE
+        by_unit.missing = 0
+        if math.isnan(by_unit.level):
+            by_unit.level = beyond
+        by_unit.error = by_unit.level - beyond
+        valid = valid and abs(by_unit.error) < MAX_PLAUSIBLE
     if not valid:
-        error[:] = 0.0
+        for output in range(len(outputs)):
+            outputs[output].error = 0.0
     return valid
 
 
@@ -214,102 +237,56 @@ def _norm(
 
 
 @kernel
-def _step(
-    inputs: Out[Matrix[FloatArray]],
-    count: int,
-    sent_speed: FloatArray,
-    load_torque: FloatArray,
-    velocity: FloatArray,
-    desired_acceleration: FloatArray,
-    legs: IntArray,
+def _take_in(
+    state: Out[Records[BaseState]],
+    outputs: Out[Records[BaseOutput]],
     inverse: Matrix[FloatArray],
-    response: Block[FloatArray],
-    settling: int,
-    ticks: Out[Records[BaseTicks]],
-    sampled: bool,
     wheel_speed: FloatArray,
     angular_velocity: FloatArray,
     acceleration: FloatArray,
-    memory: int,
-    inertial: Out[FloatArray],
-    repeats: Out[IntArray],
-    missing: Out[IntArray],
-    level: Out[FloatArray],
-    seen: Out[BoolArray],
     rings: Out[Matrix[FloatArray]],
-    samples: int,
+    count: int,
     ordered: Out[FloatArray],
     spreads: Records[SpreadState],
-    factor: float,
+    phase: int,
     axis: int,
-    pace: float,
-    filtered: Out[FloatArray],
-) -> tuple[int, bool, int, float, float]:
-    """Take in the commands of a tick; if it is ``sampled``, compare its sample with the prediction, and filter it.
+) -> tuple[bool, int, float, float]:
+    """Compare a sample with the prediction, and filter it.
 
-    The arguments are those of ``_respond``, ``_compare`` and ``push_median``.
+    The arguments are those of ``_compare``, ``push_median`` and ``_norm``.
 
     Returns:
-        The phase of the base; True if all values are valid; the output to report; the norms before and after the
-        filter.
+        True if all values are valid; the output to report; the norms before and after the filter.
     """
-    predicted, error = np.empty_like(filtered), np.empty_like(filtered)
-    phase = _respond(
-        inputs,
-        count,
-        sent_speed,
-        load_torque,
-        velocity,
-        desired_acceleration,
-        legs,
-        inverse,
-        response,
-        settling,
-        ticks,
-        predicted,
-    )
-    if not sampled:
-        return phase, True, axis, math.nan, math.nan
-    valid = _compare(
-        predicted,
-        wheel_speed,
-        inverse,
-        angular_velocity,
-        acceleration,
-        memory,
-        inertial,
-        repeats,
-        missing,
-        level,
-        seen,
-        error,
-    )
-    for output in range(len(filtered)):
+    valid = _compare(state, outputs, inverse, wheel_speed, angular_velocity, acceleration)
+    base, error, filtered = state[0], np.empty(len(outputs)), np.empty(len(outputs))
+    for i in range(len(outputs)):
+        output = outputs[i]
+        error[i] = output.error
         # The median must take in a number: a NaN would spoil the whole window.
-        filtered[output] = push_median(rings, output, samples, error[output], ordered)
-    for i in range(len(level)):
+        filtered[i] = output.filtered = push_median(rings, i, count, output.error, ordered)
         # After the filter: a single sample that is wrong would move the level for seconds.
-        level[i] -= pace * filtered[3 + i]
+        output.level -= base.pace * output.filtered
+    factor = base.factor
     if phase in (MOVING, SHAKING):
         # A joint that breaks away sooner or later than its model pushes the base.
         factor *= HELD_FACTOR
     axis, residual = _norm(filtered, spreads, phase, factor, axis)
     _, raw = _norm(error, spreads, phase, factor, axis)
-    return phase, valid, axis, raw, residual
+    return valid, axis, raw, residual
 
 
 @kernel
 def _learn(
     spreads: Out[Records[SpreadState]],
     phase: int,
-    filtered: FloatArray,
+    outputs: Records[BaseOutput],
     smallest: FloatArray,
-    seen: BoolArray,
 ) -> None:
-    count = len(filtered)
-    for output in range(count):
-        if seen[output]:
-            learn_spread(spreads, phase * count + output, filtered[output], smallest[output])
+    count = len(outputs)
+    for i in range(count):
+        if outputs[i].seen:
+            learn_spread(spreads, phase * count + i, outputs[i].filtered, smallest[i])
 
 
 class BaseGenerator:
@@ -328,8 +305,6 @@ class BaseGenerator:
         adapt: True to follow the spreads of the robot of today.
 
     Attributes:
-        filtered: (6,) residuals of the outputs after the filter.
-        seen: (6,) outputs that were measured.
         phase: STILL, MOVING, SHAKING or DRIVING.
     """
 
@@ -357,28 +332,37 @@ class BaseGenerator:
             robot.cycle / CORRECTION_TIME,
             round(CORRECTION_TIME / robot.cycle),
         )
-        self._step, self._learn = _step.load_unchecked(), _learn.load_unchecked()
+        self._respond, self._take_in = _respond.load_unchecked(), _take_in.load_unchecked()
+        self._learn = _learn.load_unchecked()
         self.reset()
 
     def reset(self) -> None:
         """Forget everything but the model."""
         self._inputs = np.zeros(self._response.shape[:2])
         self._median = RunningMedian(self._window, len(OUTPUTS))
-        self._level, self._inertial = np.full(3, np.nan), np.full(3, np.nan)
-        self._missing, self._repeats = np.zeros(3, dtype=np.int64), np.zeros(1, dtype=np.int64)
+        self._state = make_records(
+            BaseState,
+            1,
+            settling=self._settling,
+            memory=self._memory,
+            pace=self._pace,
+            factor=self._factor,
+            standing=self._settling,
+            still=TAPS,
+            smooth=self._settling,
+        )
+        # Levels of the first three outputs, which have none, stay NaN.
+        self._outputs = make_records(
+            BaseOutput, len(OUTPUTS), seen=True, value=np.nan, level=np.nan
+        )
         self._spreads = make_records(
             SpreadState, len(self._identified), identified=self._identified, today=self._identified
         )
         self.phase = 0
         self._count = 0
-        self._ticks = make_records(
-            BaseTicks, 1, standing=self._settling, still=TAPS, smooth=self._settling
-        )
         self._blind, self._judged = 0, False
         self._last = (np.nan, np.nan)
         self._axis = 0
-        self.filtered = np.zeros(len(OUTPUTS))
-        self.seen = np.ones(len(OUTPUTS), dtype=np.bool_)
 
     def step(
         self, tick: Tick, late: bool = False, lost: bool = False, wrong_load: bool = False
@@ -393,10 +377,9 @@ class BaseGenerator:
             wrong_load: True if joints do not follow their commands: the response to their load is not known.
         """
         measurement, reference, median = tick.measurement, tick.reference, self._median
-        sampled = not (late or lost)
-        if sampled:
-            self.filtered = np.empty(len(OUTPUTS))
-        self.phase, valid, axis, raw, filtered = self._step(
+        self.phase = self._respond(
+            self._state,
+            self._outputs,
             self._inputs,
             self._count,
             tick.sent.wheel_speed,
@@ -406,26 +389,6 @@ class BaseGenerator:
             self._legs,
             self._inverse,
             self._response,
-            self._settling,
-            self._ticks,
-            sampled,
-            measurement.wheel_speed,
-            measurement.imu.angular_velocity,
-            measurement.imu.acceleration,
-            self._memory,
-            self._inertial,
-            self._repeats,
-            self._missing,
-            self._level,
-            self.seen,
-            median.rings,
-            median.count,
-            median.ordered,
-            self._spreads,
-            self._factor,
-            self._axis,
-            self._pace,
-            self.filtered,
         )
         self._count += 1
         self._judged = False
@@ -433,8 +396,22 @@ class BaseGenerator:
             self._blind = TAPS + self._window
         elif lost or self._count < TAPS:
             self._blind = max(self._blind, self._window)
-        if not sampled:
+        if late or lost:
             return (np.nan, np.nan) if self._blind else self._last
+        valid, axis, raw, filtered = self._take_in(
+            self._state,
+            self._outputs,
+            self._inverse,
+            measurement.wheel_speed,
+            measurement.imu.angular_velocity,
+            measurement.imu.acceleration,
+            median.rings,
+            median.count,
+            median.ordered,
+            self._spreads,
+            self.phase,
+            self._axis,
+        )
         median.count += 1
         if not valid:
             self._blind = max(self._blind, self._window)
@@ -445,6 +422,16 @@ class BaseGenerator:
         return self._last
 
     @property
+    def filtered(self) -> FloatArray:
+        """(6,) residuals of the outputs after the filter."""
+        return self._outputs["filtered"].copy()
+
+    @property
+    def seen(self) -> BoolArray:
+        """(6,) outputs that were measured."""
+        return self._outputs["seen"].copy()
+
+    @property
     def drives(self) -> bool:
         """True while the base is commanded to drive, or has just been."""
         return self.phase == DRIVING
@@ -452,12 +439,12 @@ class BaseGenerator:
     def learn(self) -> None:
         """Learn from the last tick, in which no part of the robot was touched."""
         if self._adapt and self._judged:
-            self._learn(self._spreads, self.phase, self.filtered, MIN_SPREADS, self.seen)
+            self._learn(self._spreads, self.phase, self._outputs, MIN_SPREADS)
 
     @property
     def misses_inertial_unit(self) -> bool:
         """True if an inertial unit that the model knows has given no values, or the same ones, for CORRECTION_TIME."""
-        return self._has_unit and bool((self._missing > self._memory).any())
+        return self._has_unit and bool((self._outputs["missing"] > self._memory).any())
 
 
 def leg_indices(robot: RobotConfig) -> list[int]:

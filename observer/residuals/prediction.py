@@ -17,6 +17,7 @@ from pepper_driver.observer.models.stick_slip import (
     StickSlipState,
     stick_slip_constants,
 )
+from pepper_driver.observer.residuals.joint_tick import JointCommand
 
 MAX_LATE_TICKS = 3
 """Ticks by which a sample may be late and still be compared with the prediction for its time."""
@@ -24,20 +25,14 @@ MAX_LATE_TICKS = 3
 
 @dataclass(slots=True)
 class Prediction:
-    """Prediction of one tick; arrays (n,).
+    """Prediction of one tick; (n,) records.
 
     Attributes:
-        target: Position sent [rad].
-        load_torque: Desired [N m].
-        velocity: Desired [rad/s].
-        acceleration: Desired [rad/s2].
+        command: Commands of the joints.
         model: States of the stick-slip models.
     """
 
-    target: FloatArray
-    load_torque: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
+    command: Records[JointCommand]
     model: Records[StickSlipState]
 
 
@@ -45,20 +40,24 @@ class PredictedJoint:
     """Constants and state of one joint beside those of its stick-slip model.
 
     Attributes:
+        no_model: True for a joint without a model.
         load_gain: g = 1 / K as identified [rad/(N m)].
         band_unloaded: Range from friction at rest in one direction to that in the other, without load [rad].
         band_per_load: Its increase with the size of the load [rad/rad].
         integrates: True if its motor board integrates errors, which its current shows.
         integral_rate: ki / kp of the motor board [1/s].
         board_integral: Estimated integral of the motor board, of the measured error [rad].
+        bias: Of its residual [rad].
     """
 
+    no_model: bool
     load_gain: float
     band_unloaded: float
     band_per_load: float
     integrates: bool
     integral_rate: float
     board_integral: float
+    bias: float
 
 
 @kernel
@@ -133,6 +132,7 @@ class ErrorPredictor:
         self.joints = make_records(
             PredictedJoint,
             len(models),
+            no_model=[m is None for m in models],
             load_gain=p["load_gain"],
             band_unloaded=p["friction"] * both,
             band_per_load=p["load_friction"] * both,
@@ -143,7 +143,7 @@ class ErrorPredictor:
 
     def reset(self) -> None:
         """Forget everything but the models."""
-        self.joints["board_integral"] = 0.0
+        self.joints["board_integral"] = self.joints["bias"] = 0.0
         self._past: deque[Prediction] = deque(maxlen=MAX_LATE_TICKS + 1)
 
     @property
@@ -156,41 +156,24 @@ class ErrorPredictor:
         """(n,) positions of the stick-slip models [rad]; None before the first tick."""
         return self.states["position"] if self._past else None
 
-    def step(
-        self,
-        target: FloatArray,
-        load_torque: FloatArray,
-        velocity: FloatArray,
-        acceleration: FloatArray,
-        measured: FloatArray,
-    ) -> None:
+    def step(self, command: Records[JointCommand], measured: FloatArray) -> None:
         """Take in one tick; all values finite.
 
         Args:
-            target: (n,) sent [rad].
-            load_torque: (n,) desired [N m].
-            velocity: (n,) desired [rad/s].
-            acceleration: (n,) desired [rad/s2].
+            command: (n,) commands; a copy is kept.
             measured: (n,) measured positions [rad], where the stick-slip models start in the first tick.
         """
         if not self._past:
-            self._start(target, load_torque, measured)
-        self._past.append(
-            Prediction(
-                target=target,
-                load_torque=load_torque,
-                velocity=velocity,
-                acceleration=acceleration,
-                model=self._models.step(target, load_torque),
-            )
-        )
+            self._start(command, measured)
+        model = self._models.step(command["target"], command["load_torque"])
+        self._past.append(Prediction(command=command.copy(), model=model))
 
-    def _start(self, target: FloatArray, load_torque: FloatArray, measured: FloatArray) -> None:
+    def _start(self, command: Records[JointCommand], measured: FloatArray) -> None:
         """Start the stick-slip models at rest."""
-        p, integrates = self.identified, self.integrates
+        p, integrates, target = self.identified, self.integrates, command["target"]
         self._models.start(measured, target)
         # At rest, the integral of a motor board has settled to the load that its error does not explain.
-        summed = p["load_gain"] * load_torque + p["offset"] - (target - measured)
+        summed = p["load_gain"] * command["load_torque"] + p["offset"] - (target - measured)
         for integral in (self.joints["board_integral"], self.states["integral"]):
             integral[integrates] = summed[integrates]
 
@@ -200,7 +183,7 @@ class ErrorPredictor:
 
     def put(self, where: BoolArray, measured: FloatArray) -> None:
         """Reset models to the measured positions: with the desired velocity, or held by friction where it is low."""
-        velocity = self._past[-1].velocity
+        velocity = self._past[-1].command["velocity"]
         integral = self.states["integral"]
         self._models.put(
             where,

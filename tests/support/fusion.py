@@ -387,7 +387,7 @@ def play(signal: FusionGenerator, ticks: Sequence[Tick]) -> list[Residuals]:
     signals = []
     for one in ticks:
         signals.append(signal.step(one))
-        signal.learn(signals[-1], ALL_JOINTS, NO_JOINT, True)
+        signal.learn(ALL_JOINTS, NO_JOINT, True)
     return signals
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -29,6 +29,7 @@ from pepper_driver.observer.interface import (
     MIN_OBSERVED_STIFFNESS,
     Contact,
     JointState,
+    Residuals,
 )
 from pepper_driver.observer.models.fusion_model import TAPS, MotorTorque
 from pepper_driver.observer.residuals.fusion import FusionParts
@@ -337,7 +338,7 @@ def test_a_model_is_put_where_its_joint_rests_once_it_does() -> None:
         expected.append(float(seen.expected[ELBOW]))
         settled = NO_JOINT.copy()
         settled[ELBOW] = k == 103
-        signal.learn(seen, NO_JOINT, settled, False)
+        signal.learn(NO_JOINT, settled, False)
     np.testing.assert_allclose(expected[:111], 0.0, atol=1e-3)
     np.testing.assert_allclose(expected[103 + SETTLING_TICKS :], -0.05, atol=1e-3)
 
@@ -622,6 +623,22 @@ def test_observations_are_not_written_to_later() -> None:
     run(target, made[1:])
     for name, copy in zip(names, kept, strict=True):
         np.testing.assert_array_equal(getattr(first, name), copy)
+
+
+def test_residuals_are_not_written_to_later() -> None:
+    """Records are written to in every tick, and what is handed out has copies of them."""
+    motion = swing(2.0)
+    made = ticks_of(motion, drive(motion, torque=push_profile(len(motion), 1.0, 0.5, 5.0)))
+    made[20] = spoilt(made[20], "measurement", "position", math.nan, ELBOW)
+    signal, kept = fusion_generator(adapt=True), []
+    names = [field.name for field in fields(Residuals)]
+    for one in made:
+        found = signal.step(one)
+        kept.append((found, [np.copy(getattr(found, name)) for name in names]))
+        signal.learn(~found.blind, NO_JOINT, True)
+    for found, copies in kept:
+        for name, copy in zip(names, copies, strict=True):
+            np.testing.assert_array_equal(getattr(found, name), copy)
 
 
 def test_ticks_are_only_read() -> None:

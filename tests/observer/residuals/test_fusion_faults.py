@@ -74,7 +74,7 @@ def test_a_board_keeps_what_it_has_summed_up_while_its_joint_cannot_be_judged() 
         lost = 3.0 <= k * CYCLE < 5.0
         measurement = replace(one.measurement, age=1.0) if lost else one.measurement
         seen = signal.step(replace(one, measurement=measurement))
-        signal.learn(seen, ALL_JOINTS, NO_JOINT, True)
+        signal.learn(ALL_JOINTS, NO_JOINT, True)
         if k * CYCLE > 5.2:
             after.append(abs(float(seen.residual[ELBOW])))
     # A model that starts again does not know on which side friction holds: 0.3 deg. A sum of 0 would be off by 2.8 deg.

@@ -71,7 +71,7 @@ def learnt(
     for one in made:
         seen = signal.step(one)
         found.append(float(seen.residual[ELBOW]))
-        signal.learn(seen, joints, NO_JOINT, untouched)
+        signal.learn(joints, NO_JOINT, untouched)
     return np.array(found)
 
 
@@ -137,7 +137,7 @@ def test_thresholds_learn_nothing_while_something_touches_the_robot() -> None:
         made = signal.step(one)
         assert round(float(made.threshold[ELBOW]), 9) in (0.01, round(0.01 * HELD_FACTOR, 9))
         np.testing.assert_allclose(np.delete(made.threshold, ELBOW), 0.01)
-        signal.learn(made, free, NO_JOINT, False)
+        signal.learn(free, NO_JOINT, False)
 
 
 def test_no_spread_falls_below_a_step_of_the_encoder() -> None:
@@ -224,5 +224,5 @@ def test_the_model_of_a_joint_at_rest_moves_to_where_it_rests() -> None:
     free[ELBOW] = False
     for one in made:
         last = touched.step(one)
-        touched.learn(last, free, NO_JOINT, False)
+        touched.learn(free, NO_JOINT, False)
     assert abs(last.residual[ELBOW]) > 0.006

@@ -12,6 +12,7 @@ from pepper_driver.config.arrays import FloatArray
 from pepper_driver.config.kernels import make_records
 from pepper_driver.observer.constants import CORRECTION_TIME, REST_SPEED
 from pepper_driver.observer.models.stick_slip import StickSlipState
+from pepper_driver.observer.residuals.joint_tick import JointCommand
 from pepper_driver.observer.residuals.prediction import (
     MAX_LATE_TICKS,
     ErrorPredictor,
@@ -40,13 +41,13 @@ def stepped(
 ) -> None:
     """Step all joints alike."""
     n = len(predictor.joints)
-    predictor.step(
-        np.full(n, target),
-        np.full(n, load),
-        np.broadcast_to(velocity, n).astype(np.float64),
-        np.zeros(n),
-        np.full(n, measured),
-    )
+    command = make_records(JointCommand, n, target=target, load_torque=load, velocity=velocity)
+    predictor.step(command, np.full(n, measured))
+
+
+def target(predictor: ErrorPredictor, late: int) -> float:
+    """Target of the first joint in the prediction for a sample that is so many ticks late."""
+    return float(predictor.before(late).command["target"][0])
 
 
 # -- friction band ----------------------------------------------------------------------------------------------------
@@ -134,12 +135,12 @@ def test_a_late_sample_is_compared_with_the_prediction_of_its_time() -> None:
     predictor = ErrorPredictor([MODEL], CYCLE)
     for k in range(3):
         stepped(predictor, target=0.001 * k)
-    assert [predictor.before(late).target[0] for late in range(5)] == [0.002, 0.001, 0.0, 0.0, 0.0]
+    assert [target(predictor, late) for late in range(5)] == [0.002, 0.001, 0.0, 0.0, 0.0]
     for k in range(3, 10):
         stepped(predictor, target=0.001 * k)
-    oldest = predictor.before(MAX_LATE_TICKS).target[0]
+    oldest = target(predictor, MAX_LATE_TICKS)
     assert oldest == pytest.approx(0.001 * (9 - MAX_LATE_TICKS))
-    assert predictor.before(100).target[0] == oldest
+    assert target(predictor, 100) == oldest
 
 
 def test_a_model_that_is_put_somewhere_moves_as_it_is_to_move_or_rests() -> None:
@@ -166,5 +167,5 @@ def test_reset_forgets_the_past() -> None:
     assert predictor.position is None
     assert predictor.joints["board_integral"][0] == 0.0
     stepped(predictor, target=0.2, measured=0.2)
-    assert predictor.before(3).target[0] == 0.2
+    assert target(predictor, 3) == 0.2
     assert predictor.states["position"][0] == pytest.approx(0.2)
