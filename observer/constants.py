@@ -87,7 +87,7 @@ MIN_DRIVE = np.radians(0.75)
 """[rad] Output of the law of a board up to which its sign is not known. By UNSURE_FACTOR smaller while the base shows a
 push, and for a current that shows no sign."""
 
-MAX_STRAY = np.radians(4.0)
+MAX_TARGET_DRIFT = np.radians(4.0)
 """[rad] Output of the law beyond which a board does not only follow another target: recorded ones are off by less."""
 
 REVERSAL_RATIO = 0.3

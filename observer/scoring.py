@@ -64,8 +64,8 @@ ISOLATION_TIME = 0.17
 REBOUND_TIME = 0.8
 """[s] After a release the joint swings back; contacts in this time are neither detected pushes nor false."""
 
-JOINT_SHARE = 0.7
-"""A joint is right if it has at least this share of the largest torque on the limb's joints."""
+JOINT_FRACTION = 0.7
+"""A joint is right if it has at least this fraction of the largest torque on the limb's joints."""
 
 RUN_GAP = 0.3
 """[s] A contact that begins within this time after another on the same limb continues it."""
@@ -125,12 +125,12 @@ class DetectedPush:
 
     @property
     def joint_right(self) -> bool:
-        """True if the joint of that contact has at least JOINT_SHARE of the largest torque on the limb's joints."""
+        """True if the joint of that contact has at least JOINT_FRACTION of the largest torque on the limb's joints."""
         joint = self.final_contact.joint
         if joint is None or not self.push.torques:
             return joint == self.push.joint
         largest = max(map(abs, self.push.torques.values()))
-        return abs(self.push.torques.get(joint, 0.0)) >= JOINT_SHARE * largest
+        return abs(self.push.torques.get(joint, 0.0)) >= JOINT_FRACTION * largest
 
     @property
     def direction_right(self) -> bool:

@@ -198,9 +198,9 @@ class ForceEstimator:
         forces = fits.mean[likely, None] + self._draws @ roots.transpose(0, 2, 1)
         sizes = np.sqrt(np.einsum("cdi,cdi->cd", forces, forces)).ravel()
         order = np.argsort(sizes)
-        share = np.cumsum(np.repeat(fits.weight[likely], len(self._draws))[order])
+        cumulative = np.cumsum(np.repeat(fits.weight[likely], len(self._draws))[order])
         tail = 0.5 * (1.0 - COVERAGE)
-        places = np.searchsorted(share, share[-1] * np.array((tail, 0.5, 1.0 - tail)))
+        places = np.searchsorted(cumulative, cumulative[-1] * np.array((tail, 0.5, 1.0 - tail)))
         low, middle, high = sizes[order[places]].tolist()
         return low, middle, high
 

@@ -58,7 +58,7 @@ def phase_factors(false_contacts: float, *, trunk: bool = False) -> FloatArray:
     return np.array([threshold_factor(false_contacts, tail) for tail in tails])
 
 
-def smallest_thresholds(load_gain: FloatArray | float, friction: FloatArray | float) -> FloatArray:
+def min_thresholds(load_gain: FloatArray | float, friction: FloatArray | float) -> FloatArray:
     """Return the smallest thresholds by phase, (3,) of a joint or (3, n) of joints [rad].
 
     Args:
@@ -82,7 +82,7 @@ def identified_thresholds(
     factors = phase_factors(false_contacts, trunk=trunk)
     thresholds: FloatArray = np.maximum(
         factors * np.maximum(model.spread, MIN_SPREAD),
-        smallest_thresholds(model.twin.load_gain, model.twin.friction),
+        min_thresholds(model.twin.load_gain, model.twin.friction),
     )
     return thresholds
 
@@ -105,9 +105,9 @@ class SpreadState:
 
 @kernel
 def learn_spread(
-    spreads: Out[Records[SpreadState]], j: int, residual: float, smallest: float
+    spreads: Out[Records[SpreadState]], j: int, residual: float, min_spread: float
 ) -> None:
-    """Take in a residual without touch; ``smallest`` is the smallest spread that it may have."""
+    """Take in a residual without touch; ``min_spread`` is the smallest spread that it may have."""
     spread = spreads[j]
     if abs(residual) > spread.today:
         # Friction pulls to the other side when a joint turns; a hand that nothing reports does not.
@@ -119,7 +119,7 @@ def learn_spread(
     else:
         spread.ticks = 0
         spread.today *= 1.0 - RISE * (1.0 - SPREAD_QUANTILE)
-    lowest = max(spread.identified / UNSURE_FACTOR, min(smallest, spread.identified))
+    lowest = max(spread.identified / UNSURE_FACTOR, min(min_spread, spread.identified))
     spread.today = min(max(spread.today, lowest), spread.identified * UNSURE_FACTOR)
 
 
@@ -152,7 +152,7 @@ def step_threshold(
     spreads: Records[SpreadState],
     states: Out[Records[ThresholdState]],
     factors: Matrix[FloatArray],
-    smallest: Matrix[FloatArray],
+    min_thresholds: Matrix[FloatArray],
     j: int,
     speed: float,
     desired: float,
@@ -165,7 +165,7 @@ def step_threshold(
         spreads: By phase and joint.
         states: Of the joints.
         factors: (3, n) of a threshold over the spread, by phase and joint.
-        smallest: (3, n) smallest threshold, by phase and joint [rad].
+        min_thresholds: (3, n) smallest threshold, by phase and joint [rad].
         j: Index of the joint.
         speed: Without touch [rad/s]: of the stick-slip model, which friction holds as it does the joint.
         desired: Velocity that is commanded [rad/s].
@@ -187,7 +187,7 @@ def step_threshold(
     if state.phase != SLIDING and state.still_ticks <= rest_ticks:
         factor *= HELD_FACTOR
     spread = spreads[state.phase * len(states) + j]
-    threshold = np.maximum(spread.today * factor, smallest[state.phase, j])
+    threshold = np.maximum(spread.today * factor, min_thresholds[state.phase, j])
     if state.touched:
         # A hand holds on while a joint turns or stops: its touch is over when it is.
         threshold = min(threshold, state.last)
@@ -233,7 +233,7 @@ class SpreadThreshold:
 
     Attributes:
         factors: (3, n) of a threshold over the spread, by phase and joint.
-        smallest: (3, n) smallest threshold, by phase and joint [rad].
+        min_thresholds: (3, n) smallest threshold, by phase and joint [rad].
         rest_ticks: In which a model follows its joint at rest.
         spreads: (3 n,) by phase and joint.
         states: Of the joints.
@@ -254,7 +254,7 @@ class SpreadThreshold:
         self._identified[np.isnan(spread)] = np.nan
         by_joint = [phase_factors(false_contacts, trunk=bool(joint)) for joint in trunk]
         self.factors = np.array(by_joint).T.copy()
-        self.smallest = smallest_thresholds(load_gain, friction)
+        self.min_thresholds = min_thresholds(load_gain, friction)
         self.rest_ticks = round(CORRECTION_TIME / cycle)
         # The poles of a model that is a little wrong may not decay at all.
         settling = np.rint(np.minimum(settling_time, CORRECTION_TIME) / cycle)
@@ -277,7 +277,7 @@ class SpreadThreshold:
     @property
     def bounds(self) -> FloatArray:
         """(n,) largest threshold of each joint, as identified [rad]."""
-        by_phase = np.maximum(self.factors * self._identified.T, self.smallest)
+        by_phase = np.maximum(self.factors * self._identified.T, self.min_thresholds)
         bounds: FloatArray = by_phase.max(axis=0)
         return bounds
 

@@ -99,10 +99,10 @@ def _join_limbs(limbs: IntArray, count: int, ticks: Out[Records[JointTick]]) -> 
                 if math.isfinite(ratio):
                     largest, square = max(largest, ratio), square + ratio * ratio
         if square > 0.0:
-            share = largest / math.sqrt(square)
+            fraction = largest / math.sqrt(square)
             for j in range(len(limbs)):
                 if limbs[j] == limb:
-                    ticks[j].threshold *= share
+                    ticks[j].threshold *= fraction
 
 
 @kernel
@@ -110,7 +110,7 @@ def _set_thresholds(
     spreads: Records[SpreadState],
     states: Out[Records[ThresholdState]],
     factors: Matrix[FloatArray],
-    smallest: Matrix[FloatArray],
+    min_thresholds: Matrix[FloatArray],
     rest_ticks: int,
     limbs: IntArray,
     doubts: Records[DoubtState],
@@ -125,7 +125,7 @@ def _set_thresholds(
             spreads,
             states,
             factors,
-            smallest,
+            min_thresholds,
             j,
             model[j].velocity,
             commands[j].velocity,
@@ -398,7 +398,7 @@ class FusionGenerator:
             thresholds.spreads,
             thresholds.states,
             thresholds.factors,
-            thresholds.smallest,
+            thresholds.min_thresholds,
             thresholds.rest_ticks,
             self._limbs,
             self._doubts,

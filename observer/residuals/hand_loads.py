@@ -85,10 +85,10 @@ def _learn_load(
     beyond = load[0] - min(max(load[0], 0.0), MAX_MASS)
     load -= covariance[:, 0] / covariance[0, 0] * beyond
     covariance *= 1.0 + RISE
-    largest = np.sqrt(np.minimum(1.0, np.diag(prior) / np.diag(covariance)))
+    limit = np.sqrt(np.minimum(1.0, np.diag(prior) / np.diag(covariance)))
     for a in range(len(load)):
         for b in range(len(load)):
-            covariance[a, b] *= largest[a] * largest[b]
+            covariance[a, b] *= limit[a] * limit[b]
     return True
 
 

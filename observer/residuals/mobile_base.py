@@ -281,12 +281,12 @@ def _learn(
     spreads: Out[Records[SpreadState]],
     phase: int,
     outputs: Records[BaseOutput],
-    smallest: FloatArray,
+    min_spreads: FloatArray,
 ) -> None:
     count = len(outputs)
     for i in range(count):
         if outputs[i].seen:
-            learn_spread(spreads, phase * count + i, outputs[i].filtered, smallest[i])
+            learn_spread(spreads, phase * count + i, outputs[i].filtered, min_spreads[i])
 
 
 class BaseGenerator:

@@ -21,7 +21,7 @@ from pepper_driver.config.arrays import BoolArray, FloatArray
 from pepper_driver.config.kernels import Out, Records, kernel, make_records
 from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
-    MAX_STRAY,
+    MAX_TARGET_DRIFT,
     MIN_DRIVE,
     MIN_SPREAD,
     REVERSAL_RATIO,
@@ -213,7 +213,7 @@ def current_residual(
     side, min_output = (1 if output > 0.0 else -1), (min_size if pushed else MIN_DRIVE)
     may_have_side = pushed or side == p.answered or p.steady <= SETTLING_TICKS
     follows = may_have_side and min_output < abs(output) < UNSURE_FACTOR * size
-    at_limit = abs(output) > MAX_STRAY and size > UNSURE_FACTOR * abs(needed)
+    at_limit = abs(output) > MAX_TARGET_DRIFT and size > UNSURE_FACTOR * abs(needed)
     answers = follows or at_limit
     p.answered = side if answers else 0
     motor = math.copysign(size, output if answers else needed)

@@ -37,7 +37,7 @@ class Prediction:
 
 
 class PredictedJoint:
-    """Constants and state of one joint beside those of its stick-slip model.
+    """Constants and state of one joint, without those of its stick-slip model.
 
     Attributes:
         no_model: True for a joint without a model.

@@ -186,13 +186,13 @@ def test_a_joint_that_a_hand_has_from_before_the_start_is_in_contact_until_it_le
     assert TOUCHED > WEAR_PERIOD * CYCLE
 
 
-@pytest.mark.parametrize(("share", "told"), [(0.4, False), (0.6, True)])
+@pytest.mark.parametrize(("fraction", "warned"), [(0.4, False), (0.6, True)])
 def test_a_contact_of_more_than_half_of_the_time_is_worth_a_warning(
-    share: float, told: bool, caplog: pytest.LogCaptureFixture
+    fraction: float, warned: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
     with caplog.at_level(logging.WARNING):
-        touched(6.0, share * WEAR_PERIOD * CYCLE, swing(WEAR_PERIOD * CYCLE + 2.0, rate=1.5))
-    assert (WARNING in caplog.text) == told
+        touched(6.0, fraction * WEAR_PERIOD * CYCLE, swing(WEAR_PERIOD * CYCLE + 2.0, rate=1.5))
+    assert (WARNING in caplog.text) == warned
 
 
 # -- joints that detect nothing ----------------------------------------------------------------------------------------

@@ -48,7 +48,7 @@ from pepper_driver.evaluation.touch.summary_data import (
     Torques,
     TouchSummary,
 )
-from pepper_driver.observer.scoring import JOINT_SHARE
+from pepper_driver.observer.scoring import JOINT_FRACTION
 
 HEADLINE_PLACES = ("hand", "forearm", "upper arm", "head", "trunk")
 """Places of the first table."""
@@ -81,7 +81,7 @@ RULES = (
     "Forces are those that acted: a touch that would tip the robot is planned lower, and counts as what it is.",
     "The *friction bound* of a touch is the minimum over the joints of its limb of 2 F / |J^T u|: friction may hide a "
     "smaller force from a limb at rest, whatever the observer. The tables have its median.",
-    f"The *joint* is right if it has at least {JOINT_SHARE:g} of the largest torque on the joints of the limb; a "
+    f"The *joint* is right if it has at least {JOINT_FRACTION:g} of the largest torque on the joints of the limb; a "
     "stricter rule has its own row: the joint has the largest. Limb, joint and direction are of touches of the row "
     "`even`.",
     f"Delays count from the onset where the force rises within {1e3 * FAST_RISE:.0f} ms; for slower touches from the "

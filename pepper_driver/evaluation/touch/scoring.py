@@ -21,7 +21,7 @@ from pepper_driver.evaluation.touch.records import (
     Touched,
 )
 from pepper_driver.observer.interface import Contact
-from pepper_driver.observer.scoring import JOINT_SHARE
+from pepper_driver.observer.scoring import JOINT_FRACTION
 
 DETECTION_GRACE = 0.3
 """[s] A limb still counts as touched for this long after the release: the joint has not come back yet."""
@@ -69,8 +69,7 @@ class LocationScore:
 
     Attributes:
         limb: It is on the touched limb.
-        joint: Its joint has at least the fraction JOINT_SHARE of the largest torque on the limb's joints. None on the
-            trunk.
+        joint: Its joint has at least JOINT_FRACTION of the largest torque on the limb's joints. None on the trunk.
         largest_joint: Its joint has the largest. None on the trunk.
         direction: Its sign is that of the torque on its joint; None below the fraction DIRECTION_FRACTION of the
             largest torque.
@@ -464,7 +463,7 @@ def _score_location(event: ReportedEvent, touch: Touched) -> LocationScore:
     directed = abs(torque) >= DIRECTION_FRACTION * largest
     return LocationScore(
         limb=limb,
-        joint=abs(torque) >= JOINT_SHARE * largest,
+        joint=abs(torque) >= JOINT_FRACTION * largest,
         largest_joint=abs(torque) == largest,
         direction=(torque > 0.0) == (event.direction > 0) if directed else None,
     )

@@ -220,7 +220,7 @@ class Located:
         law: Of the robots.
         first_limb: Touches of which the first report was on their limb, among those of which anything was reported.
         limb_later: Contacts that are still on the limb.
-        joint, joint_later: Joints with at least the fraction JOINT_SHARE of the largest torque.
+        joint, joint_later: Joints with at least JOINT_FRACTION of the largest torque.
         largest, largest_later: Joints with the largest.
         direction, direction_later: Signs that are right, of joints that were turned.
     """

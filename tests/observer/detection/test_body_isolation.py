@@ -164,7 +164,7 @@ def test_joints_beyond_the_hand_are_shaken_but_less() -> None:
 
 
 @pytest.mark.parametrize("revision", [FIRST, LAST])
-def test_the_joint_is_named_anew_at_each_revision_and_not_between(revision: int) -> None:
+def test_the_joint_is_named_again_at_each_revision_and_not_between(revision: int) -> None:
     player = Player()
     player.play(1, LShoulderRoll=5.0)
     player.play(revision - 2, LShoulderRoll=5.0)
@@ -528,11 +528,11 @@ def test_a_hand_that_pushes_harder_and_harder_makes_no_collision() -> None:
 
 def kinds(events: list[Contact]) -> list[tuple[int, str, str]]:
     """Events in which the kind is another than before."""
-    told: list[tuple[int, str, str]] = []
+    reported: list[tuple[int, str, str]] = []
     for event in events:
-        if not told or (event.id, event.kind) != (told[-1][0], told[-1][2]):
-            told.append((event.id, event.phase, event.kind))
-    return told
+        if not reported or (event.id, event.kind) != (reported[-1][0], reported[-1][2]):
+            reported.append((event.id, event.phase, event.kind))
+    return reported
 
 
 def ticks(seconds: float) -> int:

@@ -19,7 +19,7 @@ from pepper_driver.observer.detection.contact_force import (
     fit_forces,
 )
 from pepper_driver.observer.residuals.torque_scale import TorqueScale
-from pepper_driver.observer.scoring import JOINT_SHARE
+from pepper_driver.observer.scoring import JOINT_FRACTION
 
 ROBOT = load_robot()
 CAPSULES = load_self_collision(ROBOT)
@@ -211,7 +211,7 @@ def test_interval_and_point_hold_the_truth_as_often_as_they_say(scale_std: float
         off = found.point - place
         placed.append(off @ np.linalg.solve(found.point_covariance, off) < 6.25)
         ratios.append(high / low)
-    # Three standard deviations of a share of DRAWS.
+    # Three standard deviations of a fraction of DRAWS.
     assert np.mean(held) == pytest.approx(COVERAGE, abs=0.073)
     assert np.mean(placed) > 0.83  # 6.25: 0.9 of a normal distribution in space
     assert np.median(ratios) < 25.0  # SIZES alone are from 0.8 to 45 N
@@ -319,7 +319,7 @@ def test_the_joint_with_the_largest_torque_is_named_where_friction_hides_it(
     shown[largest], std[largest] = 0.0, 3.0
     found = estimator().estimate("left_arm", shown, std, ALL, BENT)
     assert found is not None
-    assert abs(torque[found.joint]) >= JOINT_SHARE * abs(torque[largest])
+    assert abs(torque[found.joint]) >= JOINT_FRACTION * abs(torque[largest])
     fitted, fitted_std = found.torques[found.joint]
     assert fitted * torque[found.joint] > 0.0
     assert abs(fitted - torque[found.joint]) < 2.0 * fitted_std

@@ -164,7 +164,7 @@ def test_values_under_the_threshold_change_nothing(rows: list[tuple[bool, float,
 
 BAND = 2.5 * THRESHOLD
 STUCK = round(SETTLING_TIME / CYCLE)
-LONGEST = math.ceil(CORRECTION_TIME / CYCLE)
+MAX_TICKS = math.ceil(CORRECTION_TIME / CYCLE)
 
 
 class Settler:
@@ -235,18 +235,18 @@ def test_a_hand_that_still_pulls_is_no_friction() -> None:
     for band, value in ((1.9 * THRESHOLD, 2.0), (0.0, 2.0)):
         player = Settler()
         player.play(4.0, 20, band)
-        assert set(player.play(value, 3 * LONGEST, band)) == {CONTACT}
+        assert set(player.play(value, 3 * MAX_TICKS, band)) == {CONTACT}
     player = Settler()
     player.play(4.0, 20)
-    for k in range(3 * LONGEST):
+    for k in range(3 * MAX_TICKS):
         assert player.play(2.0 + 0.4 * math.sin(k / 3), 1) == [CONTACT]
     player = Settler()
-    assert set(player.play(2.0, LONGEST - 1)) == {CONTACT}
+    assert set(player.play(2.0, MAX_TICKS - 1)) == {CONTACT}
 
 
 def test_one_that_never_fell_is_released_later() -> None:
     player = Settler()
-    assert player.play(2.0, LONGEST + 3).index(RELEASE) == pytest.approx(LONGEST, abs=1)
+    assert player.play(2.0, MAX_TICKS + 3).index(RELEASE) == pytest.approx(MAX_TICKS, abs=1)
 
 
 def test_time_and_fraction_of_friction() -> None:
@@ -346,7 +346,7 @@ def test_nothing_has_settled_at_first() -> None:
 
 def test_where_no_model_can_be_reset_nothing_is_ever_stuck() -> None:
     joint = monitor()
-    values = [4.0] + [2.0] * 3 * LONGEST
+    values = [4.0] + [2.0] * 3 * MAX_TICKS
     states = {
         joint.step(k * CYCLE, value * THRESHOLD, THRESHOLD, BAND) for k, value in enumerate(values)
     }

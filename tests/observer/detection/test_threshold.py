@@ -78,7 +78,7 @@ def step_each(
                 target.spreads,
                 target.states,
                 target.factors,
-                target.smallest,
+                target.min_thresholds,
                 j,
                 float(speed[j]),
                 float(desired[j]),

@@ -94,7 +94,7 @@ def noisy(
     rest: float,
     motion: float,
     seconds: float = 30.0,
-    share: float = 0.5,
+    fraction: float = 0.5,
     reversal: float | None = None,
 ) -> Recording:
     """A run that rests, then goes to and fro; the joint is where it belongs, but for the noise of its encoder.
@@ -102,7 +102,7 @@ def noisy(
     ``reversal`` is the noise in the first third of a second after the joint has turned.
     """
     nothing = standing(seconds)
-    moves = np.arange(len(nothing)) >= share * len(nothing)
+    moves = np.arange(len(nothing)) >= fraction * len(nothing)
     to_and_fro = 0.5 * np.sign(np.sin(np.pi * np.arange(len(nothing)) * CYCLE))
     velocity = np.where(moves, to_and_fro, 0.0)
     made = replace(nothing, position=np.cumsum(velocity) * CYCLE, velocity=velocity)
@@ -136,14 +136,16 @@ def test_a_joint_that_breaks_away_roughly_has_a_spread_for_that_alone() -> None:
 
 
 def test_a_phase_that_was_hardly_seen_has_the_largest_spread_of_the_others() -> None:
-    found = spreads(noisy(0.004, 0.005, share=0.9, seconds=60.0, reversal=0.02))
+    found = spreads(noisy(0.004, 0.005, fraction=0.9, seconds=60.0, reversal=0.02))
     np.testing.assert_allclose(found[0], MEDIAN_QUANTILE * 0.004, rtol=0.15)
     assert (found[1:] == found[0]).all()
 
 
-@pytest.mark.parametrize(("share", "size"), [(1.0, 0.004), (0.0, 0.01), (0.1, 0.01), (0.9, 0.004)])
-def test_a_phase_with_few_samples_has_the_spread_of_the_other(share: float, size: float) -> None:
-    found = spreads(noisy(0.004, 0.01, share=share))
+@pytest.mark.parametrize(
+    ("fraction", "size"), [(1.0, 0.004), (0.0, 0.01), (0.1, 0.01), (0.9, 0.004)]
+)
+def test_a_phase_with_few_samples_has_the_spread_of_the_other(fraction: float, size: float) -> None:
+    found = spreads(noisy(0.004, 0.01, fraction=fraction))
     np.testing.assert_allclose(found, MEDIAN_QUANTILE * size, rtol=0.15)
 
 
@@ -182,7 +184,7 @@ def test_one_joint_that_falls_behind_does_not_cost_the_others() -> None:
 
 
 def test_a_quiet_joint_has_the_smallest_spread() -> None:
-    np.testing.assert_array_equal(spreads(noisy(0.0, 0.0, share=1.0)), MIN_SPREAD)
+    np.testing.assert_array_equal(spreads(noisy(0.0, 0.0, fraction=1.0)), MIN_SPREAD)
 
 
 def test_the_residual_is_that_of_the_observer() -> None:

@@ -119,9 +119,9 @@ def test_agrees_with_the_motor_itself_on_a_smooth_motion() -> None:
 
     time = np.arange(0.0, 6.0, CYCLE)
     q = solve_ivp(law, (0.0, 6.0), (0.0, 0.0), t_eval=time, max_step=1e-3, rtol=1e-8).y
-    wanted = np.array([desired(t) for t in time])
-    measured = wanted[:, 0] - q[0]
-    features = np.column_stack((wanted[:, 1], wanted[:, 2], inertia * wanted[:, 2]))
+    reference = np.array([desired(t) for t in time])
+    measured = reference[:, 0] - q[0]
+    features = np.column_stack((reference[:, 1], reference[:, 2], inertia * reference[:, 2]))
     late = time > 2.0
     # Eq. 11 puts desired for true motion: an error of second order in the lag.
     expected = expected_error(motor, features, CYCLE) - 2.0 / motor.stiffness

@@ -60,13 +60,13 @@ def load(simulation: Simulation, joint: str) -> float:
     return float(simulation.data.qfrc_applied[simulation.model.link_dof[index]])
 
 
-def pushed(simulation: Simulation, joint: str, share: float) -> Simulation:
+def pushed(simulation: Simulation, joint: str, fraction: float) -> Simulation:
     link, force = PUSHED[joint]
     body = simulation.model.bodies[link]
     point = simulation.data.xpos[body] + [0.0, 0.0, 0.2 if link == "torso" else 0.0]
     if link != "torso":
         point = simulation.data.xipos[body].copy()
-    push(simulation, link, share * force * np.array(ONE_WAY[joint], dtype=np.float64), point)
+    push(simulation, link, fraction * force * np.array(ONE_WAY[joint], dtype=np.float64), point)
     hold(simulation, 150)
     return simulation
 
@@ -80,8 +80,8 @@ def test_a_held_load_bends_the_joint_by_torque_over_stiffness(joint: str) -> Non
     drive = plant.actuator(joint)
     simulation = standing(plant, settle=100)
     simulation.model.mj.opt.gravity[:] = 0.0
-    for share in (1.0, -1.0):
-        pushed(simulation, joint, share)
+    for fraction in (1.0, -1.0):
+        pushed(simulation, joint, fraction)
         torque = load(simulation, joint)
         error = STAND[index] - simulation.position[index]
         wind_up = abs(torque) / drive.gear_stiffness + drive.half_gap

@@ -122,12 +122,12 @@ def test_both_channels_show_what_a_hand_does(torque: float) -> None:
     )
     held = slice(round(1.5 / CYCLE), round(2.3 / CYCLE))
     # Friction holds a part of it; the rest moves the joint against its stiffness.
-    most = abs(torque) * STICK_SLIP.load_gain
-    least = most - 2.0 * STICK_SLIP.breakaway * STICK_SLIP.friction
+    max_error = abs(torque) * STICK_SLIP.load_gain
+    min_error = max_error - 2.0 * STICK_SLIP.breakaway * STICK_SLIP.friction
     for part in (FusionParts(), BY_MODEL, BY_CURRENT):
         seen = residuals(fusion_generator(parts=part), made)[held, ELBOW]
         assert (np.sign(seen) == -math.copysign(1.0, torque)).all()
-        assert least < np.abs(seen).min() <= np.abs(seen).max() < 1.05 * most
+        assert min_error < np.abs(seen).min() <= np.abs(seen).max() < 1.05 * max_error
 
 
 @pytest.mark.parametrize("offset", [0.05, -0.05])

@@ -137,7 +137,7 @@ def test_a_joint_that_rests_off_its_command_without_current_is_in_doubt(
     assert caplog.text.count("LElbowRoll is doubtful") == 1
 
 
-def test_a_joint_in_doubt_is_free_again_when_its_error_is_gone() -> None:
+def test_a_joint_in_doubt_is_free_again_when_its_error_has_ended() -> None:
     motion = standing(3.0)
     made = ticks_of(motion, drive(motion))
     for one in made[100:150]:
@@ -148,7 +148,7 @@ def test_a_joint_in_doubt_is_free_again_when_its_error_is_gone() -> None:
     assert events == []
 
 
-def test_a_joint_in_doubt_needs_more_until_its_error_is_gone() -> None:
+def test_a_joint_in_doubt_needs_more_until_its_error_has_ended() -> None:
     """Its friction may have any sign, also when it moves on."""
     first, second = swing(3.0, rest=2.0), swing(4.0, rest=1.0)
     motion = Motion(
@@ -199,7 +199,7 @@ def test_a_joint_that_a_hand_pushes_is_not_in_doubt(torque: float, seconds: floa
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 @pytest.mark.parametrize(("speed", "far"), [(0.3, 0.2), (1.0, 0.6), (3.0, 0.2), (3.0, 0.6)])
-def test_a_hand_that_is_stronger_than_the_board_is_found_until_it_has_gone(
+def test_a_hand_that_is_stronger_than_the_board_is_found_until_it_has_left(
     side: float, speed: float, far: float
 ) -> None:
     """With and against the load: the board gives its 6 N m, far less than its law asks for."""

@@ -166,9 +166,9 @@ def test_torque_is_no_more_than_motor_friction_and_load_oppose(
     # The current shows the motor at its limit, and not all of the friction that helps it.
     lowest = (0.85 if source == "current" else 0.98) * bound
     assert lowest <= largest <= 1.02 * bound
-    told = [e.torque for e in events if e.torque is not None]
-    assert max(map(abs, told)) <= 1.02 * bound
-    assert math.copysign(1.0, torque) * sum(told) > 0.0
+    reported = [e.torque for e in events if e.torque is not None]
+    assert max(map(abs, reported)) <= 1.02 * bound
+    assert math.copysign(1.0, torque) * sum(reported) > 0.0
 
 
 def test_a_current_that_does_not_carry_the_load_is_no_hand() -> None:

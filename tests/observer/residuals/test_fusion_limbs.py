@@ -54,8 +54,8 @@ def test_two_joints_of_a_limb_find_together_what_neither_finds_alone() -> None:
     assert norm > 1.03
     assert ratio_of(seen)[SHOULDER] == pytest.approx(norm, rel=1e-9)
     # Their order is kept, and other limbs keep their thresholds.
-    share = own[0] / norm
-    np.testing.assert_allclose(seen.threshold[LEFT_ARM], share * BOUND)
+    fraction = own[0] / norm
+    np.testing.assert_allclose(seen.threshold[LEFT_ARM], fraction * BOUND)
     np.testing.assert_allclose(seen.threshold[~LEFT_ARM], BOUND)
     np.testing.assert_array_equal(seen.residual, alone.residual)
 

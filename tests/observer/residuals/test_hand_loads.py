@@ -285,7 +285,7 @@ def resting_ticks(seconds: float, begin: float = 0.0) -> list[Tick]:
 SENSITIVE = fusion_model(spread=spread_of(0.015))
 
 
-def test_a_load_that_no_model_knows_is_no_contact_and_is_told() -> None:
+def test_a_load_that_no_model_knows_is_no_contact_and_is_reported() -> None:
     made = with_load(0.5, 20.0)
     target = fusion_observer(SENSITIVE, adapt=True)
     fixed = fusion_observer(SENSITIVE, adapt=True, parts=FusionParts(loads=False))

@@ -145,7 +145,7 @@ def test_a_touch_that_reverses_the_motor_is_found_where_the_current_answers(side
 def test_a_current_that_has_not_passed_zero_has_not_reversed(
     side: float, ticks: int, reverses: bool
 ) -> None:
-    """It carries a load; then the board strays to the other side by as much as the current is large."""
+    """It carries a load; then the target of the board drifts to the other side by as much as the current is large."""
     resistance, motor = side * 0.02 - CURRENT.offset, side * 0.025
     channels = channel()
     residual(channels, motor, drive=motor, resistance=resistance)
@@ -217,7 +217,7 @@ def test_a_board_at_its_limit_gives_twice_what_is_needed_without_touch(
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 @pytest.mark.parametrize(("degrees", "at_limit"), [(3.5, False), (4.5, True)])
-def test_a_board_that_strays_by_less_than_four_degrees_is_not_at_its_limit(
+def test_a_board_whose_target_drifts_by_less_than_four_degrees_is_not_at_its_limit(
     side: float, degrees: float, at_limit: bool
 ) -> None:
     """Targets of recorded boards drift by as much, and give more current than needed for other reasons."""
