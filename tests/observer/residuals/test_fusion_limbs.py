@@ -11,12 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pepper_driver.config.arrays import FloatArray
+from pepper_driver.observer.constants import CORRECTION_TIME
 from pepper_driver.observer.contact_observer import limb_numbers
 from pepper_driver.observer.interface import Residuals
 from pepper_driver.observer.residuals.fusion import FusionGenerator, FusionParts
 from support.examples import examples
-from support.fusion import BOUND, ELBOW, fusion_generator, touched
-from support.observer import JOINTS, ROBOT, SETTINGS
+from support.fusion import ALL_JOINTS, BOUND, ELBOW, NO_JOINT, fusion_generator, touched
+from support.observer import CYCLE, JOINTS, ROBOT, SETTINGS
 
 WINDOW = SETTINGS.fusion_window
 SHOULDER = ROBOT.joint_index("LShoulderRoll")
@@ -99,3 +100,15 @@ def test_a_joint_that_cannot_be_judged_adds_nothing_to_its_limb() -> None:
         seen = signal.step(one)
     assert np.isnan(seen.threshold[SHOULDER])
     assert seen.threshold[ELBOW] == pytest.approx(BOUND)
+
+
+def test_a_joint_learns_below_half_of_its_own_threshold_though_its_limb_lowers_it() -> None:
+    """Of three joints with 0.45 each, 0.45 is more than half of a threshold that is lowered by a factor of sqrt(3)."""
+    signal = fusion_generator(limbs=LIMBS)
+    for k in range(10 + round(4.0 * CORRECTION_TIME / CYCLE)):
+        ratio = 0.45 if k >= 10 else 0.0
+        seen = signal.step(touched(k, LShoulderRoll=ratio, LElbowRoll=ratio, LElbowYaw=ratio))
+        signal.learn(ALL_JOINTS, NO_JOINT, True)
+        if k == 30:
+            assert abs(seen.residual[ELBOW]) > 0.55 * seen.threshold[ELBOW]
+    assert abs(seen.residual[ELBOW]) < 0.05 * BOUND
