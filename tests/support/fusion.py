@@ -341,7 +341,7 @@ def ticks_of(
     return made
 
 
-def strayed(motion: Motion, offset: FloatArray | float) -> list[Tick]:
+def with_target_drift(motion: Motion, offset: FloatArray | float) -> list[Tick]:
     """Ticks of a joint whose board follows another target than the command, off by (n,) [rad]."""
     other = replace(motion, position=motion.position + offset)
     ticks = ticks_of(other, drive(other, start=float(other.position[0])))

@@ -27,9 +27,9 @@ from support.fusion import (
     fusion_model,
     push_profile,
     standing,
-    strayed,
     swing,
     ticks_of,
+    with_target_drift,
 )
 from support.observer import CYCLE, JOINTS, tick
 
@@ -135,7 +135,7 @@ def test_a_target_of_the_board_that_is_not_the_command_is_no_touch(offset: float
     """The position shows it alone: the motor needs no more torque for it."""
     motion = swing(8.0, rest=1.0)
     time = np.arange(len(motion)) * CYCLE
-    made = strayed(motion, np.where((time > 2.0) & (time < 6.0), offset, 0.0))
+    made = with_target_drift(motion, np.where((time > 2.0) & (time < 6.0), offset, 0.0))
     off = (time > 2.5) & (time < 5.9)
     model = residuals(fusion_generator(parts=BY_MODEL), made)[:, ELBOW]
     assert np.abs(model[off]).min() > 0.6 * abs(offset)

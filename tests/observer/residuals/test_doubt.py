@@ -25,9 +25,9 @@ from support.fusion import (
     guided,
     push_profile,
     standing,
-    strayed,
     swing,
     ticks_of,
+    with_target_drift,
 )
 from support.observer import CYCLE, SETTINGS, run
 
@@ -217,7 +217,7 @@ def test_a_hand_that_is_stronger_than_the_board_is_found_until_it_has_left(
 def test_a_joint_that_moves_is_not_in_doubt() -> None:
     motion = swing(4.0)
     time = np.arange(len(motion)) * CYCLE
-    made = strayed(motion, np.where((time > 1.0) & (time < 2.0), 0.05, 0.0))
+    made = with_target_drift(motion, np.where((time > 1.0) & (time < 2.0), 0.05, 0.0))
     assert JointState.DOUBTFUL not in states(fusion_observer(), made)[0][:200]
 
 
