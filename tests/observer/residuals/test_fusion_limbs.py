@@ -103,7 +103,7 @@ def test_a_joint_that_cannot_be_judged_adds_nothing_to_its_limb() -> None:
 
 
 def test_a_joint_learns_below_half_of_its_own_threshold_though_its_limb_lowers_it() -> None:
-    """Of three joints with 0.45 each, 0.45 is more than half of a threshold that is lowered by a factor of sqrt(3)."""
+    """Three joints with 0.45 each: 0.45 is more than half of a threshold that is lowered by a factor of sqrt(3)."""
     signal = fusion_generator(limbs=LIMBS)
     for k in range(10 + round(4.0 * CORRECTION_TIME / CYCLE)):
         ratio = 0.45 if k >= 10 else 0.0
