@@ -50,7 +50,7 @@ class BaseState:
     Attributes:
         settling: Ticks after which it has settled from a command to move, or from joints that shook it.
         memory: Ticks without a value of the inertial unit after which its level is unknown.
-        pace: Fraction of a residual by which this level follows it in a tick.
+        pace: Fraction of a residual by which the level of the inertial unit follows it in a tick.
         factor: Of thresholds over spreads.
         standing: Ticks since a wheel was commanded to turn faster than REST_SPEED.
         still: Ticks since a joint was commanded to move faster than ROCKING_SPEED.

@@ -181,7 +181,7 @@ def calibrate_to(
     if missing := [name for name in MEASUREMENTS if name not in measurement]:
         raise RobotCalibrationError(
             f"{folder}: this robot was not measured ({', '.join(missing)}); 'pepper identify' does so unless it is "
-            "recorded with --no-measure"
+            "called with --no-measure"
         )
     facts = measure_robot(measurement, manifest.response_delay, robot, manifest.weight)
     runs = load_runs(folder, manifest, facts.response_delay, robot)

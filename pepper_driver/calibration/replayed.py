@@ -72,7 +72,7 @@ def load_runs(
     Args:
         folder: Of the recordings.
         manifest: Of the folder.
-        measured_delay: Of the robot [ticks]: other runs than measurements are paired by it, if the robot has it.
+        measured_delay: Of the robot [ticks]: other runs than measurements are paired by it, if its URI takes a delay.
         robot: Its description.
 
     Raises:

@@ -71,8 +71,8 @@ RULES = (
     f"the onset of a touch on its limb to {DETECTION_GRACE:g} s after the release, a *rebound* if it calls itself one "
     f"and comes until {REBOUND_TIME:g} s after a release on its limb, and *false* otherwise: on another limb, on the "
     "trunk, after a release, in place of a rebound.",
-    "The first right begin on its limb, or the first contact that moves there, *detects* a touch; one such event "
-    "detects one touch. Hours are those in which a contact could have been false, a mean over the limbs.",
+    "A touch is *detected* by the first right begin on its limb, or by the first contact that moves there; one such "
+    "event detects one touch. Hours are those in which a contact could have been false, a mean over the limbs.",
     "*N90* is the force at which nine touches in ten are detected: a logistic curve in the logarithm of the force, "
     "with a fraction of touches that are not detected at any force, is fitted to touches of 1 s (rise 0.1 s) from all "
     "sides, without those along the axis of the limb. Robots of one law are pooled. Of equally likely curves the one "

@@ -250,8 +250,8 @@ def score_take(take: Take, observer: str, limbs: Collection[str]) -> TakeScore:
     - It is right if it is no rebound and its limb is touched, from the onset to DETECTION_GRACE after the release. A
       rebound is one until REBOUND_TIME after the release of a touch on its limb. One that leaves its limb open is
       neither of them while another limb is touched. Every other event is false.
-    - The first right begin on its limb, or move onto it, detects a touch. Each of these counts for one touch only: the
-      one that began last of those not detected yet.
+    - A touch is detected by the first right begin on its limb, or move onto it. Each of these counts for one touch
+      only: the one that began last of those not detected yet.
     - Events of a contact without a begin are left out.
 
     Args:
