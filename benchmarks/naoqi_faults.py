@@ -98,7 +98,7 @@ def move(uri: str, speed: float) -> None:
     print(json.dumps(ended), flush=True)
 
 
-class QuadraticProgram:
+class MovingProgram:
     """The program in its process, moving the robot."""
 
     def __init__(self, stand_in: StandIn, speed: float) -> None:
@@ -197,7 +197,7 @@ def between(stand_in: StandIn, begin: float, end: float) -> BlackBox:
 
 def lose(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
     """Let one thing fail while the robot moves."""
-    program = QuadraticProgram(stand_in, speed)
+    program = MovingProgram(stand_in, speed)
     fault = LOSSES[name]
     begin = time.monotonic()
     if fault is None:
@@ -238,7 +238,7 @@ def service_of(stand_in: StandIn, name: str) -> Iterator[Proxy]:
 
 def go(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
     """Stop motors while the robot moves, until the program ends."""
-    program = QuadraticProgram(stand_in, speed)
+    program = MovingProgram(stand_in, speed)
     fault, joint = LOST_MOTORS[name]
     begin = time.monotonic()
     if fault is None:
@@ -265,7 +265,7 @@ def go(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
 
 def interfere(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
     """Let another program command joints or wheels, until the first one ends."""
-    program = QuadraticProgram(stand_in, speed)
+    program = MovingProgram(stand_in, speed)
     with service_of(stand_in, "ALMotion") as motion, service_of(stand_in, "DCM") as dcm:
         goal = -0.5 if motion.getAngles("HeadYaw", True)[0] > 0.0 else 0.5  # not where it is
         begin = time.monotonic()
@@ -287,7 +287,7 @@ def interfere(stand_in: StandIn, name: str, speed: float) -> dict[str, float | s
 
 def interrupt(stand_in: StandIn, name: str, speed: float) -> dict[str, float | str]:
     """Press Ctrl-C, with something else wrong."""
-    program = QuadraticProgram(stand_in, speed)
+    program = MovingProgram(stand_in, speed)
     fault = INTERRUPTED[name]
     if fault is not None:
         stand_in.set_fault(fault)
