@@ -84,7 +84,7 @@ class Bound:
         return abs(measured - true) / (true if self.relative else 1.0)
 
     def text(self, error: float) -> str:
-        """Return an error for people."""
+        """Return a human-readable error."""
         return f"{100.0 * error:.1f} %" if self.relative else f"{error:.2g}"
 
 

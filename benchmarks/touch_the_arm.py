@@ -267,7 +267,7 @@ def with_min_force(experiment: Experiment, min_force: float) -> Experiment:
 
 
 def median(values: Iterable[float | None]) -> str:
-    """Return the median of those that are there, for people: a thousandth is 1."""
+    """Return a human-readable median of those that are there: a thousandth is 1."""
     there = [value for value in values if value is not None]
     return f"{1e3 * np.median(there):.0f}" if there else "-"
 

@@ -96,7 +96,7 @@ class Contact:
 
     @property
     def force_text(self) -> str:
-        """Size of the force with its interval, for people, as ``18 N (12 to 27)``; empty where it is unknown."""
+        """Size of the force with its interval, human-readable, as ``18 N (12 to 27)``; empty where it is unknown."""
         if self.force_size is None or self.force_interval is None:
             return ""
         low, high = self.force_interval

@@ -265,10 +265,10 @@ def _print_report(console: Console, report: CalibrationReport) -> None:
         title=f"plant {report.plant} ({report.law}) compared with recordings of real Peppers, in simulation",
         title_justify="left",
     )
-    for name in ("joint", "figure", "real", "sim", "factor", "target", ""):
-        table.add_column(name, justify="left" if name in ("joint", "figure", "") else "right")
-    for figure in report.metrics:
-        table.add_row(*_row(figure))
+    for name in ("joint", "metric", "real", "sim", "factor", "target", ""):
+        table.add_column(name, justify="left" if name in ("joint", "metric", "") else "right")
+    for metric in report.metrics:
+        table.add_row(*_row(metric))
     console.print(table)
     console.print(
         "target: largest residual, or largest factor between simulated and real either way"
@@ -281,7 +281,7 @@ def _print_report(console: Console, report: CalibrationReport) -> None:
 
 
 def _print_chases(console: Console, report: ChaseReport) -> None:
-    """Print every figure under the commands as recorded with the real one in brackets, and what was judged."""
+    """Print every result under the commands as recorded with the real one in brackets, and what was judged."""
     table = Table(
         title="commands as recorded: simulated (real)",
         title_justify="left",
@@ -319,17 +319,17 @@ def _shown(value: float | None) -> str:
     return f"{value:.2f}" if abs(value) < 10.0 else f"{value:.0f}"
 
 
-def _row(figure: CalibrationMetric) -> list[str]:
+def _row(metric: CalibrationMetric) -> list[str]:
     target = "-"
-    if figure.limit is not None:
-        target = f"<= {figure.limit:.2f}" if figure.real is None else f"x/ {figure.limit:g}"
-    word = {True: "pass", False: "MISS", None: ""}[figure.passed]
+    if metric.limit is not None:
+        target = f"<= {metric.limit:.2f}" if metric.real is None else f"x/ {metric.limit:g}"
+    word = {True: "pass", False: "MISS", None: ""}[metric.passed]
     return [
-        figure.joint,
-        LABELS[figure.quantity],
-        "-" if figure.real is None else f"{figure.real:.2f}",
-        f"{figure.simulated:.3f}",
-        "-" if figure.factor is None else f"{figure.factor:.2f}",
+        metric.joint,
+        LABELS[metric.quantity],
+        "-" if metric.real is None else f"{metric.real:.2f}",
+        f"{metric.simulated:.3f}",
+        "-" if metric.factor is None else f"{metric.factor:.2f}",
         target,
         word,
     ]

@@ -81,7 +81,7 @@ ClusterOption = Annotated[
 
 JsonOption = Annotated[
     Path | None,
-    typer.Option("--json", metavar="FILE", help="Also write the printed figures to FILE."),
+    typer.Option("--json", metavar="FILE", help="Also write the printed results to FILE."),
 ]
 
 
@@ -234,7 +234,7 @@ def check_outputs(*paths: Path | None) -> None:
 
 
 def save_json(path: Path | None, content: Mapping[str, Any], console: Console) -> None:
-    """Write the figures of a command, when asked to."""
+    """Write the results of a command, when asked to."""
     if path is not None:
         write_json(path, content)
-        console.print(f"figures: {path}")
+        console.print(f"results: {path}")

@@ -22,7 +22,7 @@ from pepper_driver.first_hour.state import (
 )
 
 Action = Callable[[], Mapping[str, ResultValue]]
-"""Makes a step; returns its figures. An error or an interrupt leaves the step to be made again."""
+"""Makes a step; returns its results. An error or an interrupt leaves the step to be made again."""
 
 
 def run_hour(

@@ -613,7 +613,7 @@ def _date(log: RunLog) -> str:
 
 
 def _run(log: RunLog) -> str:
-    """Return the robot of a log for people: plant and seed of a simulation, the address of another backend."""
+    """Return the robot of a log, human-readable: plant and seed of a simulation, the address of another backend."""
     uri = log.metadata.get("backend", "")
     robot = log.robot.capitalize()
     try:

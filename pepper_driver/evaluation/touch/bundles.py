@@ -73,7 +73,7 @@ class JudgedBundle:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """Statements for people: what it is, how much there is, and what is not known."""
+        """Human-readable statements: what it is, how much there is, and what is not known."""
         name, touches = self.record.robot, self.record.takes[-1].touches
         kind = "a SIMULATED robot, a rehearsal" if self.simulated else "a REAL robot"
         known = sum(touch.force is not None for touch in touches)

@@ -27,7 +27,7 @@ LAWS = {
     "nominal": "stiff motor boards\n(law nominal)",
     "integral": "softer motor boards with an integral\n(law integral)",
 }
-"""Names of the laws for people."""
+"""Human-readable names of the laws."""
 
 STATES_IN_WORDS = {
     "standing": "standing\nnothing moves",
@@ -218,7 +218,7 @@ def _draw(
 
 
 def law_in_words(law: str) -> str:
-    """Return the name of a law for people, in at most two lines."""
+    """Return the human-readable name of a law, in at most two lines."""
     return LAWS.get(law, f"motor boards: {law}")
 
 
