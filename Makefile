@@ -2,7 +2,7 @@
 # make test-all: also what takes minutes (plants for a minute, examples, docs, packages), and ten times the examples of property tests.
 # make flakes: the tests again and again, alone and next to busy processes; interrupted, it continues where it was.
 # make naoqi: install what a robot over NAOqi needs, and its stand-in. make lint: style. make types: mypy.
-# make format: rewrite as make lint wants it. make build: sdist and wheel. make bench-controller: beside pink and mink.
+# make format: rewrite as make lint requires it. make build: sdist and wheel. make bench-controller: compared with pink and mink.
 # make clean: remove all that was made. All need Python 3.11 to 3.13 and nothing else.
 PYTHON ?= python3
 VENV := .venv

@@ -53,7 +53,7 @@ CYCLE = round(1e9 * ROBOT.cycle)
 
 
 PROCESSING = 2e-4
-"""[s] that each message takes besides the network: time passes with every question."""
+"""[s] that each message takes in addition to the network: time passes with every question."""
 
 
 class VirtualFuture:

@@ -37,9 +37,8 @@ def test_a_posture_is_reached_in_its_time_along_a_spline() -> None:
         report = pepper.play(experiment, on_tick=trace)
     assert len(trace.values) == 150
     fraction = (np.array(trace.values) - start) / (0.6 - start)
-    assert fraction[49] == pytest.approx(
-        0.5, abs=0.02
-    )  # of least jerk: half the way at half the time
+    # Of minimum jerk: half the way at half the time.
+    assert fraction[49] == pytest.approx(0.5, abs=0.02)
     assert fraction[24] == pytest.approx(0.1035, abs=0.02)
     np.testing.assert_allclose(fraction[100:], 1.0, atol=0.01)
     (step,) = report.steps

@@ -85,7 +85,7 @@ def test_a_motion_let_go_near_its_end_does_not_hurry() -> None:
         speeds = Speeds(pepper)
         report = pepper.play(make_experiment(step), on_tick=speeds)
         assert pepper.controller.position[YAW] == pytest.approx(0.5, abs=0.01)
-    # Of least jerk within a second: 15/8 of the mean speed.
+    # Of minimum jerk within a second: 15/8 of the mean speed.
     assert speeds.between(3.0, 9.0)[0] == pytest.approx(0.4 * 15 / 8, rel=0.1)
     assert report.steps[0].duration == pytest.approx(4.0, abs=0.03), "until 3 s, and 1 s again"
 
