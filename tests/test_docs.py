@@ -65,7 +65,7 @@ def test_a_page_begins_with_its_title_and_a_sentence(page: Path) -> None:
     blocks = [
         block
         for block in page.read_text().split("\n\n")
-        if not block.startswith("*All figures here are ")  # first line of a written report
+        if not block.startswith("*All results here are ")  # first line of a written report
     ]
     assert re.fullmatch(r"# \S.*", blocks[0]), f"{page.name}: {blocks[0]!r}"
     assert re.match(r"[A-Z`\[*]", blocks[1]), f"{page.name}: {blocks[1]!r}"
