@@ -6,11 +6,10 @@ import os
 import select
 import sys
 import threading
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from pepper_driver.config.errors import PepperError
 
@@ -27,17 +26,28 @@ class NoTerminalError(PepperError, RuntimeError):
         )
 
 
-class Keys(ABC):
-    """Reads a terminal on a thread of its own while its ``with`` block runs; Ctrl-C works as ever.
+class StopKey:
+    """The space bar and q stop the robot, read on a thread of their own while the ``with`` block runs.
 
-    Leaving the block restores the terminal. Without a terminal, no key is read.
+    Ctrl-C works as ever. Leaving the block restores the terminal. Without a terminal, no key is read.
+
+    >>> with StopKey(pepper.emergency_stop), pepper:
+    ...     pepper.run(10.0)
+
+    Args:
+        stop: Called with what happened, on the thread that reads, at each press.
 
     Attributes:
-        listening: Whether there is a terminal to read.
+        listening: True if there is a terminal to read.
     """
 
-    def __init__(self) -> None:
+    HELP = "the space bar or q stops the robot"
+    KEYS: ClassVar[tuple[tuple[bytes, str], ...]] = ((b" ", "the space bar"), (b"q", "q"))
+    """Keys that stop the robot, and their names."""
+
+    def __init__(self, stop: Callable[[str], None]) -> None:
         self.listening = False
+        self._stop_robot = stop
         self._stop = threading.Event()
 
     def __enter__(self) -> Self:
@@ -74,9 +84,11 @@ class Keys(ABC):
         with suppress(termios.error):  # a terminal that was closed
             termios.tcsetattr(self._file, termios.TCSADRAIN, self._settings)
 
-    @abstractmethod
     def _take(self, data: bytes) -> None:
         """Handle typed text, on the thread that reads."""
+        for key, name in self.KEYS:
+            if key in data.lower():
+                self._stop_robot(f"{name} was pressed")
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -92,22 +104,19 @@ class Keys(ABC):
             self._take(data)
 
 
-class SpaceBar(Keys):
-    """A switch that each press of the space bar turns; q stops the robot.
-
-    Args:
-        stop: Called with what happened, on the thread that reads, at each press of q.
+class SpaceBar(StopKey):
+    """A switch that each press of the space bar turns; q alone stops the robot.
 
     Raises:
         NoTerminalError: On entering: standard input is not a terminal.
     """
 
     HELP = "q stops the robot"
+    KEYS = ((b"q", "q"),)
 
-    def __init__(self, stop: Callable[[str], None] = lambda what: None) -> None:
-        super().__init__()
+    def __init__(self, stop: Callable[[str], None]) -> None:
+        super().__init__(stop)
         self._presses = 0
-        self._stop_robot = stop
 
     @property
     def on(self) -> bool:
@@ -126,27 +135,4 @@ class SpaceBar(Keys):
 
     def _take(self, data: bytes) -> None:
         self._presses += data.count(b" ")
-        if b"q" in data.lower():
-            self._stop_robot("q was pressed")
-
-
-class StopKey(Keys):
-    """The space bar and q stop the robot. Without a terminal nothing does, and nothing is said.
-
-    >>> with StopKey(pepper.emergency_stop), pepper:
-    ...     pepper.run(10.0)
-
-    Args:
-        stop: Called with what happened, on the thread that reads, at each press.
-    """
-
-    HELP = "the space bar or q stops the robot"
-
-    def __init__(self, stop: Callable[[str], None]) -> None:
-        super().__init__()
-        self._stop_robot = stop
-
-    def _take(self, data: bytes) -> None:
-        for key, name in ((b" ", "the space bar"), (b"q", "q")):
-            if key in data.lower():
-                self._stop_robot(f"{name} was pressed")
+        super()._take(data)

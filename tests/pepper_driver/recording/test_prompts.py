@@ -36,7 +36,7 @@ def labelled(*touches: tuple[float, float], skipped: int = 0) -> list[tuple[str,
 
     Times are those of the player, which counts ticks; after each of them ``skipped`` are missed.
     """
-    labeller = PromptedLabeller("head", PROMPTS, ROBOT, SpaceBar())
+    labeller = PromptedLabeller("head", PROMPTS, ROBOT, SpaceBar(stop=print))
     still = MockBackend(ROBOT).open()
     found: list[tuple[str, str | None]] = []
     for tick in range(round(9.0 / ROBOT.cycle)):

@@ -189,7 +189,7 @@ def test_each_press_of_the_space_bar_turns_it(terminal: int) -> None:
     import termios
 
     before = termios.tcgetattr(sys.stdin.fileno())
-    with SpaceBar() as bar:
+    with SpaceBar(stop=print) as bar:
         assert not bar.on
         os.write(terminal, b"x ")
         wait_for(bar, True)

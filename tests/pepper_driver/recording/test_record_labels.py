@@ -45,7 +45,7 @@ def phases(labeller: Labeller, *ticks: tuple[str, ...]) -> list[tuple[float, str
 
 
 def labeller(source: str, link: str | None = None, joint: str | None = None) -> Labeller:
-    return make_labeller(source, ROBOT, SpaceBar(), link=link, joint=joint)
+    return make_labeller(source, ROBOT, SpaceBar(stop=print), link=link, joint=joint)
 
 
 FRONT, REAR = "Head/Touch/Front", "Head/Touch/Rear"
@@ -85,7 +85,7 @@ def test_what_is_touched_at_the_start_is_left_out_until_it_is_let_go() -> None:
 
 
 def test_a_key_counts_from_the_first_tick_on() -> None:
-    bar = SpaceBar()
+    bar = SpaceBar(stop=print)
     maker = make_labeller("key", ROBOT, bar)
     bar._presses += 1
     assert [label.phase for label in maker.step(sample(0.0))] == ["onset"]
@@ -106,7 +106,7 @@ def test_a_key_counts_from_the_first_tick_on() -> None:
 def test_a_key_touches_the_given_place(
     link: str | None, joint: str | None, expected: tuple[str | None, str | None]
 ) -> None:
-    bar = SpaceBar()
+    bar = SpaceBar(stop=print)
     maker = make_labeller("key", ROBOT, bar, link=link, joint=joint)
     assert maker.step(sample(0.0)) == ()
     bar._presses += 1
@@ -127,7 +127,7 @@ def test_unknown_names_are_refused() -> None:
         labeller("key", joint="LElbow")
     blind = replace(ROBOT, sensors=replace(ROBOT.sensors, touch={}))
     with pytest.raises(LabelError, match="no sensor for the label 'head'"):
-        make_labeller("head", blind, SpaceBar())
+        make_labeller("head", blind, SpaceBar(stop=print))
 
 
 # -- back from the log ------------------------------------------------------------------------------------------
