@@ -40,7 +40,8 @@ command, and in doubt; the current of a board against the output of its law."""
 
 HELD_FACTOR = 1.4
 """On the threshold of a joint that is to move, or was CORRECTION_TIME ago, and does not slide for SETTLING_TICKS; and
-on that of the base while joints move. Friction lets go of a joint sooner or later than its model."""
+on that of the base while joints move. Friction lets go of a joint sooner or later than its model. On those of all
+joints while the robot shakes itself, of parts that a touch on another part shakes, and of the base after a touch."""
 
 CONFIRMING_RATIO = 0.55
 """On the thresholds of the limb that shows most, just after the base was pushed: one sign confirms the other."""
@@ -103,5 +104,5 @@ threshold if that is larger."""
 
 # -- place ------------------------------------------------------------------------------------------------------------
 
-REPORT_DELAY = 0.1
+REPORT_DELAY = 0.07
 """[s] The base often detects a push on a limb first, and the limb detects it within this time."""

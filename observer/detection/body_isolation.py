@@ -37,6 +37,9 @@ from pepper_driver.observer.interface import (
 REISOLATION_TIMES = (0.05, 0.15)
 """[s] after the detection, when the joint is determined again."""
 
+SIGN_STDS = 2.0
+"""Standard deviations of a torque beyond which its sign is known at the detection."""
+
 COLLISION_TIME = 0.1
 """[s] from the onset until which a collision reaches its size: a hand that pushes is slower."""
 
@@ -112,7 +115,8 @@ class BodyTracker:
       less. The link is determined at the detection and again REISOLATION_TIMES later. Then it changes only when the
       residual of its joint is over while another one lasts.
     - The joint that is named is the one on which the force of the contact has the largest torque: friction may hide
-      this torque. It is the joint that carries the link on a joint of a hand, and where no force can be fitted.
+      this torque. At the detection only torques count whose sign is known. It is the joint that carries the link on a
+      joint of a hand, where no force can be fitted, and where no sign is known.
     - The trunk carries the limbs. Residuals of its joints belong to the contact on a limb if that contact exists now,
       existed when they began, or ended at most ``rebound_window`` before. A touch that no joint of a limb shows
       shakes the trunk in the same way: the limb of a contact there is not known.
@@ -449,8 +453,12 @@ class BodyTracker:
             contact.limb_known = True
             self._fit_force(contact, time)
             if contact.force is not None and excursion.joint not in self._hands:
-                contact.joint = contact.force.joint
-                contact.sign = -1 if contact.force.torques[contact.joint][0] > 0.0 else 1
+                # A wrist that is pushed shows sooner than the shoulder, and leaves the direction open.
+                known = 0.0 if contact.revisions else SIGN_STDS
+                named = contact.force.largest(known)
+                if named is not None:
+                    contact.joint = named
+                    contact.sign = -1 if contact.force.torques[named][0] > 0.0 else 1
 
     def _fit_force(self, contact: BodyContact, time: float) -> None:
         """Fit a force to the torques of this tick."""

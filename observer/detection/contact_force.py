@@ -61,10 +61,10 @@ class ContactForce:
     scale_known: bool
     torques: dict[int, tuple[float, float]]
 
-    @property
-    def joint(self) -> int:
-        """Index of the joint on which its torque is largest."""
-        return max(self.torques, key=lambda joint: abs(self.torques[joint][0]))
+    def largest(self, stds: float = 0.0) -> int | None:
+        """Return the index of the joint on which its torque is largest, of those beyond so many standard deviations."""
+        certain = [j for j, (torque, std) in self.torques.items() if abs(torque) >= stds * std]
+        return max(certain, key=lambda joint: abs(self.torques[joint][0]), default=None)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

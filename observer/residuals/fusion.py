@@ -14,6 +14,7 @@ from pepper_driver.controller.tick import Tick
 from pepper_driver.observer.constants import (
     BIAS_TIME,
     CORRECTION_TIME,
+    HELD_FACTOR,
     MIN_SPREAD,
     PUSH_TICKS,
     QUIET_RATIO,
@@ -21,6 +22,7 @@ from pepper_driver.observer.constants import (
     SETTLING_TICKS,
 )
 from pepper_driver.observer.detection.confirmation import BaseConfirmation
+from pepper_driver.observer.detection.disturbance import Disturbance
 from pepper_driver.observer.detection.threshold import (
     SpreadState,
     SpreadThreshold,
@@ -325,6 +327,7 @@ class FusionGenerator:
         )
         self._loads, self._no_doubt = loads, np.zeros(n)
         self._confirmation = BaseConfirmation(limb_numbers)
+        self._disturbance = Disturbance(limb_numbers, cycle)
         self._take_in = _take_in.load_unchecked()
         self._set_thresholds = _set_thresholds.load_unchecked()
         self._decide, self._learn = _decide.load_unchecked(), _learn.load_unchecked()
@@ -346,6 +349,7 @@ class FusionGenerator:
         self._blind_ticks = np.zeros(n, dtype=np.int64)
         self._blind_countdown = 0
         self._confirmation.reset()
+        self._disturbance.reset()
         self._doubts = make_records(DoubtState, n)
         self._command = make_records(JointCommand, n)
         self._ticks = make_records(JointTick, n, blind=self.no_model)
@@ -407,13 +411,20 @@ class FusionGenerator:
             self._no_doubt if self._loads is None else self._loads.doubt,
             ticks,
         )
-        base = (np.nan, np.nan)
+        base, disturbance, confirmed = (np.nan, np.nan), self._disturbance, False
+        shaken = disturbance.joints
         if self._base is not None:
             base = self._base.step(tick, late_ticks > 0, lost, falls_behind)
-            if self._confirmation.step(base[1]) and self._parts.confirmation:
-                # Quiet when a push began that shows only now.
-                fresh = self._doubts["loud_ticks"] <= PUSH_TICKS
-                self._confirmation.lower(ticks["threshold"], ticks["residual"], fresh, blind)
+            if disturbance.base:
+                base = base[0] / HELD_FACTOR, base[1] / HELD_FACTOR
+            if self._base.shakes:
+                shaken = ~thresholds.states["touched"]
+            confirmed = self._confirmation.step(base[1]) and self._parts.confirmation
+        ticks["threshold"][shaken] *= HELD_FACTOR
+        if confirmed:
+            # Quiet when a push began that shows only now.
+            fresh = self._doubts["loud_ticks"] <= PUSH_TICKS
+            self._confirmation.lower(ticks["threshold"], ticks["residual"], fresh, blind)
         values, doubtful = np.empty((FRICTION_BAND + 1, n)), np.empty(n, np.bool_)
         self._decide(
             self._limbs,
@@ -509,6 +520,7 @@ class FusionGenerator:
             ticks,
         )
         self._confirmation.untouched = untouched
+        self._disturbance.step(~free & ~ticks["blind"], untouched)
         if untouched:
             if self._loads is not None:
                 self._loads.learn(ticks["residual"], ticks["raised_threshold"], ticks["sliding"])

@@ -436,6 +436,11 @@ class BaseGenerator:
         """True while the base is commanded to drive, or has just been."""
         return self.phase == DRIVING
 
+    @property
+    def shakes(self) -> bool:
+        """True while joints shake the base, or have just done so."""
+        return self.phase == SHAKING
+
     def learn(self) -> None:
         """Learn from the last tick, in which no part of the robot was touched."""
         if self._adapt and self._judged:

@@ -291,6 +291,7 @@ class _Selection:
         plateaus: By row, those that it lies in.
         pushes: By limb, number, onset and begin of the fading [s] and force [N] of touches that rise and fade.
         true: (n, N) true torque [N m]; None where it is unknown, and there are no plateaus.
+        indices: Of the joints, by their names.
     """
 
     untouched: IntArray
@@ -299,6 +300,13 @@ class _Selection:
     plateaus: dict[int, tuple[int, ...]]
     pushes: dict[str, tuple[tuple[int, float, float, float], ...]]
     true: FloatArray | None
+    indices: dict[str, int]
+
+    def true_torque(self, row: int, joint: str | None) -> float | None:
+        """Return the torque that really acts on a joint in a row [N m]; None where it is unknown."""
+        if self.true is None or joint is None:
+            return None
+        return float(self.true[row, self.indices[joint]])
 
 
 class _Listener:
@@ -307,6 +315,7 @@ class _Listener:
     def __init__(self, observer: Observer, joints: int, selection: _Selection) -> None:
         self._observer, self._selection = observer, selection
         self._contacts: list[Contact] = []
+        self._true_torques: list[float | None] = []
         self._threshold = np.empty((len(selection.untouched), joints))
         self._sums = np.zeros((len(selection.joints), 2))
         self._counts = np.zeros(len(selection.joints), dtype=np.int64)
@@ -333,8 +342,9 @@ class _Listener:
         observation = self._observer.step(tick)
         now = tick.measurement.time
         # An end carries the time at which the residual fell, and a callback gets it later.
-        self._contacts.extend(replace(contact, time=now) for contact in observation.contacts)
         for contact in observation.contacts:
+            self._contacts.append(replace(contact, time=now))
+            self._true_torques.append(self._selection.true_torque(row, contact.joint))
             self._keep_force(contact, now)
         if (place := self._selection.place.get(row)) is not None:
             self._threshold[place] = observation.threshold
@@ -377,7 +387,7 @@ class _Listener:
             if count >= MIN_ROWS
         ]
         return ObserverRecord(
-            events=reported_events(self._contacts),
+            events=reported_events(self._contacts, self._true_torques),
             torques=tuple(torques),
             forces=tuple(self._forces[touch] for touch in sorted(self._forces)),
             threshold_deg=self._medians(robot),
@@ -476,4 +486,5 @@ def _select(
         plateaus=plateaus,
         pushes=pushes,
         true=true_torque,
+        indices={name: i for i, name in enumerate(robot.joint_names)},
     )

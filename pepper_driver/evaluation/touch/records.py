@@ -89,6 +89,7 @@ class ReportedEvent:
         phase: As of :class:`pepper_driver.observer.Contact`.
         time: When the callback gets it: clock of the tick that reports it [s].
         kind, limb, limb_known, joint, shown_by, direction: As of :class:`pepper_driver.observer.Contact`.
+        true_torque: External torque that acts on its joint then [N m]; None where it is unknown.
     """
 
     id: int
@@ -100,6 +101,7 @@ class ReportedEvent:
     joint: str | None
     shown_by: str | None = None
     direction: int
+    true_torque: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

@@ -71,8 +71,9 @@ class LocationScore:
         limb: It is on the touched limb.
         joint: Its joint has at least JOINT_FRACTION of the largest torque on the limb's joints. None on the trunk.
         largest_joint: Its joint has the largest. None on the trunk.
-        direction: Its sign is that of the torque on its joint; None below the fraction DIRECTION_FRACTION of the
-            largest torque.
+        direction: Its sign is that of the torque that acts on its joint then; None below the fraction
+            DIRECTION_FRACTION of the largest torque. A hand that holds on to a moving limb pushes and pulls in turn.
+            Where this torque is unknown, it is the largest that acted.
     """
 
     limb: bool
@@ -179,15 +180,21 @@ class RobotScore:
     failed_touches: int
 
 
-def reported_events(contacts: Iterable[Contact]) -> tuple[ReportedEvent, ...]:
+def reported_events(
+    contacts: Iterable[Contact], true_torques: Iterable[float | None]
+) -> tuple[ReportedEvent, ...]:
     """Return the events of an observer that report something new.
 
     These are begins, ends, and updates with another joint, limb, direction or kind than the event before, or a limb
     that is known now, each with its time.
+
+    Args:
+        contacts: Events, each with the time at which a callback gets it.
+        true_torques: For each of them, the external torque that acts on its joint then [N m]; None where it is unknown.
     """
     events: list[ReportedEvent] = []
     last: dict[int, tuple[object, ...]] = {}
-    for contact in contacts:
+    for contact, true_torque in zip(contacts, true_torques, strict=True):
         content = (
             contact.joint,
             contact.shown_by,
@@ -210,6 +217,7 @@ def reported_events(contacts: Iterable[Contact]) -> tuple[ReportedEvent, ...]:
                 joint=contact.joint,
                 shown_by=contact.shown_by,
                 direction=contact.direction,
+                true_torque=true_torque,
             )
         )
     return tuple(events)
@@ -460,12 +468,13 @@ def _score_location(event: ReportedEvent, touch: Touched) -> LocationScore:
     if touch.limb == TRUNK or largest == 0.0:
         return LocationScore(limb=limb, joint=None, largest_joint=None, direction=None)
     torque = touch.torque.get(event.joint or "", 0.0)
-    directed = abs(torque) >= DIRECTION_FRACTION * largest
+    now = torque if event.true_torque is None or not limb else event.true_torque
+    directed = abs(now) >= DIRECTION_FRACTION * largest
     return LocationScore(
         limb=limb,
         joint=abs(torque) >= JOINT_FRACTION * largest,
         largest_joint=abs(torque) == largest,
-        direction=(torque > 0.0) == (event.direction > 0) if directed else None,
+        direction=(now > 0.0) == (event.direction > 0) if directed else None,
     )
 
 

@@ -210,6 +210,28 @@ def test_a_force_names_the_joint_and_not_the_link() -> None:
     assert forces.asked == ["left_arm"] * 4, "not of an end"
 
 
+@pytest.mark.parametrize(
+    ("torques", "joint", "direction"),
+    [
+        ((5.0, 1.1), "LShoulderPitch", 1),
+        ((0.9, -1.1), "LShoulderRoll", -1),  # two of its standard deviations
+        ((0.9, -0.8), "LElbowRoll", -1),  # the joint that shows it, whose side is certain
+    ],
+)
+def test_at_the_detection_a_joint_is_named_whose_direction_is_known(
+    torques: tuple[float, float], joint: str, direction: int
+) -> None:
+    player = Player(cast(ForceEstimator, Force(torques)))
+    [begin] = player.play(1, LElbowRoll=2.0)
+    assert (begin.joint, begin.direction) == (joint, direction)
+
+
+def test_later_the_most_likely_joint_is_named() -> None:
+    player = Player(cast(ForceEstimator, Force((0.9, -0.8))))
+    [begin, update] = player.play(1 + FIRST, LElbowRoll=2.0)
+    assert (begin.joint, update.joint, update.direction) == ("LElbowRoll", "LShoulderPitch", 1)
+
+
 def test_a_hand_names_its_own_joint() -> None:
     """No torque of the arm shows what the fingers do."""
     forces = Force((5.0, 1.0))

@@ -133,11 +133,15 @@ def test_thresholds_learn_nothing_while_something_touches_the_robot() -> None:
     signal = fusion_generator(fusion_model(spread=spread_of(0.01)), adapt=True)
     free = ALL_JOINTS.copy()
     free[HEAD] = False
+    shaken = 1.0
     for one in ticks_of(motion, rough):
         made = signal.step(one)
-        assert round(float(made.threshold[ELBOW]), 9) in (0.01, round(0.01 * HELD_FACTOR, 9))
-        np.testing.assert_allclose(np.delete(made.threshold, ELBOW), 0.01)
+        found = round(float(made.threshold[ELBOW]) / shaken, 9)
+        assert found in (0.01, round(0.01 * HELD_FACTOR, 9))
+        assert made.threshold[HEAD] == pytest.approx(0.01)
+        np.testing.assert_allclose(np.delete(made.threshold, [ELBOW, HEAD]), 0.01 * shaken)
         signal.learn(free, NO_JOINT, False)
+        shaken = HELD_FACTOR
 
 
 def test_no_spread_falls_below_a_step_of_the_encoder() -> None:

@@ -248,6 +248,19 @@ def test_joints_with_little_torque(joint: str, right: bool, direction: bool | No
     assert (alarm.joint, alarm.largest_joint, alarm.direction) == (right, False, direction)
 
 
+@pytest.mark.parametrize(
+    ("acts", "direction"), [(1.5, True), (-1.5, False), (-0.3, None), (0.0, None)]
+)
+def test_direction_is_that_of_the_torque_that_acts_then(
+    acts: float, direction: bool | None
+) -> None:
+    # A hand that holds on to a moving arm: the largest torque is to the other side.
+    events = [event(1, "begin", 10.1, direction=1, true_torque=acts)]
+    alarm = scored([touch(10.0, 11.0)], events).touches[0].alarm
+    assert alarm is not None
+    assert (alarm.joint, alarm.direction) == (True, direction)
+
+
 def test_no_joint_without_a_known_torque_or_on_the_trunk() -> None:
     unknown = scored([touch(10.0, 11.0, torque={})], begins(10.1)).touches[0].alarm
     trunk = touch(10.0, 11.0, limb="trunk", torque={"HipRoll": 4.0})
@@ -456,7 +469,7 @@ def test_callbacks_get_what_is_new() -> None:
         replace(first, phase="end", time=2.65, joint="HeadYaw", limb="head"),
         replace(other, phase="end", time=2.9),
     ]
-    result = reported_events(events)
+    result = reported_events(events, range(len(events)))
     assert [(e.id, e.phase, e.time) for e in result] == [
         (1, "begin", 2.1),
         (1, "update", 2.3),
@@ -470,3 +483,4 @@ def test_callbacks_get_what_is_new() -> None:
     reported = result[5]
     assert (reported.kind, reported.limb, reported.joint) == ("collision", "head", "HeadYaw")
     assert reported.direction == -first.direction
+    assert reported.true_torque == 7
