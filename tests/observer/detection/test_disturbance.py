@@ -14,6 +14,7 @@ from pepper_driver.observer.constants import (
     SHAKING_ACCELERATION,
 )
 from pepper_driver.observer.detection.disturbance import Disturbance
+from pepper_driver.observer.interface import Contact
 from pepper_driver.observer.models.fusion_model import TAPS
 from support.fusion import BOUND, ELBOW, fusion_observer, still_base, touched
 from support.observer import ROBOT, SETTINGS
@@ -120,7 +121,8 @@ def test_thresholds_are_higher_while_joints_shake_the_robot_but_not_of_what_is_t
 @pytest.mark.parametrize(("pause", "heard"), [(10, False), (SWING_TICKS + 10, True)])
 def test_a_base_that_swings_after_a_touch_needs_a_stronger_push(pause: int, heard: bool) -> None:
     observer = fusion_observer(base=BASE)
-    k, events = 0, []
+    k = 0
+    events: list[Contact] = []
 
     def play(ticks: int, base: float = 0.0, **ratios: float) -> None:
         nonlocal k

@@ -185,7 +185,8 @@ def test_momentum_with_our_threshold() -> None:
     slides = thresholds(SLIDING)[INDEX] / thresholds(REST)[INDEX]
     assert slides < later[INDEX] < 1.3 * slides
     arm = [ROBOT.joint_index(joint) for joint in ROBOT.limbs[ROBOT.limb_of(JOINT)]]
-    np.testing.assert_allclose(np.delete(later, arm), 1.0, rtol=0.05)
+    # By the current alone it is touched once it slides, and shakes the others.
+    np.testing.assert_allclose(np.delete(later, arm), HELD_FACTOR, rtol=0.05)
     wheels = np.zeros((len(RUN), 3))
     wheels[100:200] = 3.0
     pushed = replace(recording(len(RUN) * CYCLE), wheel_speed=wheels)
