@@ -73,7 +73,7 @@ class LocationScore:
         largest_joint: Its joint has the largest. None on the trunk.
         direction: Its sign is that of the torque that acts on its joint then; None below the fraction
             DIRECTION_FRACTION of the largest torque. A hand that holds on to a moving limb pushes and pulls in turn.
-            Where this torque is unknown, it is the largest that acted.
+            After the release, and where this torque is unknown, it is the largest that acted.
     """
 
     limb: bool
@@ -468,7 +468,9 @@ def _score_location(event: ReportedEvent, touch: Touched) -> LocationScore:
     if touch.limb == TRUNK or largest == 0.0:
         return LocationScore(limb=limb, joint=None, largest_joint=None, direction=None)
     torque = touch.torque.get(event.joint or "", 0.0)
-    now = torque if event.true_torque is None or not limb else event.true_torque
+    now = torque
+    if limb and event.true_torque is not None and event.time <= touch.release:
+        now = event.true_torque
     directed = abs(now) >= DIRECTION_FRACTION * largest
     return LocationScore(
         limb=limb,

@@ -249,13 +249,20 @@ def test_joints_with_little_torque(joint: str, right: bool, direction: bool | No
 
 
 @pytest.mark.parametrize(
-    ("acts", "direction"), [(1.5, True), (-1.5, False), (-0.3, None), (0.0, None)]
+    ("time", "acts", "direction"),
+    [
+        (10.1, 1.5, True),
+        (10.1, -1.5, False),
+        (10.1, -0.3, None),
+        (11.0, 0.0, None),
+        (11.1, 0.0, False),  # a tap that is detected once it is over
+    ],
 )
 def test_direction_is_that_of_the_torque_that_acts_then(
-    acts: float, direction: bool | None
+    time: float, acts: float, direction: bool | None
 ) -> None:
     # A hand that holds on to a moving arm: the largest torque is to the other side.
-    events = [event(1, "begin", 10.1, direction=1, true_torque=acts)]
+    events = [event(1, "begin", time, direction=1, true_torque=acts)]
     alarm = scored([touch(10.0, 11.0)], events).touches[0].alarm
     assert alarm is not None
     assert (alarm.joint, alarm.direction) == (True, direction)
