@@ -12,8 +12,8 @@ class Disturbance:
     """Parts whose thresholds are HELD_FACTOR times as high, because a touch shakes them that is not theirs.
 
     - Joints of all other parts while a limb is touched.
-    - Joints of all limbs while the trunk is touched, once it has been for PUSH_TICKS: until then it may show a touch on
-      a limb before the joints of the limb do.
+    - Joints of parts that do not show it while the trunk is touched, once it has been for PUSH_TICKS: until then it may
+      show a touch on a limb before the joints of the limb do. Where the base alone shows it, these are all joints.
     - The base for CORRECTION_TIME after a touch: the robot swings back.
 
     Args:
@@ -21,7 +21,7 @@ class Disturbance:
         cycle: Period of the ticks [s].
 
     Attributes:
-        joints: (n,) joints that are shaken.
+        joints: (n,) joints that are shaken, None while none is.
         base: True if the base is.
     """
 
@@ -32,26 +32,25 @@ class Disturbance:
 
     def reset(self) -> None:
         """Forget all touches."""
-        self.joints = np.zeros(len(self._limbs), dtype=np.bool_)
+        self.joints: BoolArray | None = None
         self.base = False
         self._touched_ticks = self._ticks_left = 0
 
-    def step(self, touched: BoolArray, untouched: bool) -> None:
+    def step(self, free: BoolArray, blind: BoolArray, untouched: bool) -> None:
         """Take in one tick.
 
         Args:
-            touched: (n,) joints that show a touch.
+            free: (n,) joints that show no touch.
+            blind: (n,) joints that cannot be judged.
             untouched: True if no part of the robot is touched.
         """
         if untouched:
-            if self._touched_ticks:
-                self.joints[:] = False
-                self._touched_ticks = 0
+            self.joints, self._touched_ticks = None, 0
             self._ticks_left = max(self._ticks_left - 1, 0)
             self.base = self._ticks_left > 0
             return
         self._touched_ticks += 1
         self._ticks_left, self.base = self._swing_ticks, False
-        of_limb = np.bincount(self._limbs[touched], minlength=self._count) > 0
+        of_limb = np.bincount(self._limbs[~(free | blind)], minlength=self._count) > 0
         if of_limb[1:].any() or self._touched_ticks > PUSH_TICKS:
             self.joints = ~of_limb[self._limbs]

@@ -420,7 +420,8 @@ class FusionGenerator:
             if self._base.shakes:
                 shaken = ~thresholds.states["touched"]
             confirmed = self._confirmation.step(base[1]) and self._parts.confirmation
-        ticks["threshold"][shaken] *= HELD_FACTOR
+        if shaken is not None:
+            ticks["threshold"][shaken] *= HELD_FACTOR
         if confirmed:
             # Quiet when a push began that shows only now.
             fresh = self._doubts["loud_ticks"] <= PUSH_TICKS
@@ -520,7 +521,7 @@ class FusionGenerator:
             ticks,
         )
         self._confirmation.untouched = untouched
-        self._disturbance.step(~free & ~ticks["blind"], untouched)
+        self._disturbance.step(free, ticks["blind"], untouched)
         if untouched:
             if self._loads is not None:
                 self._loads.learn(ticks["residual"], ticks["raised_threshold"], ticks["sliding"])

@@ -30,55 +30,65 @@ def joints(*numbers: int) -> BoolArray:
     return chosen
 
 
+def take_in(target: Disturbance, *shown: int, touched: bool = True) -> None:
+    """A tick in which these joints show a touch."""
+    target.step(~joints(*shown), joints(), not touched)
+
+
 def test_a_touch_on_a_limb_shakes_all_other_parts_at_once_and_as_long_as_it_lasts() -> None:
     target = Disturbance(LIMBS, CYCLE)
     for _ in range(3):
-        target.step(joints(3), False)
+        take_in(target, 3)
         np.testing.assert_array_equal(target.joints, joints(0, 1, 4, 5))
-    target.step(joints(), True)
-    assert not target.joints.any()
+    take_in(target, touched=False)
+    assert target.joints is None
 
 
 def test_touched_limbs_are_not_shaken_by_each_other() -> None:
     target = Disturbance(LIMBS, CYCLE)
-    target.step(joints(2, 4), False)
+    take_in(target, 2, 4)
     np.testing.assert_array_equal(target.joints, joints(0, 1))
 
 
-@pytest.mark.parametrize("shown", [joints(), joints(1)])
-def test_a_touch_on_the_trunk_shakes_limbs_that_have_not_shown_it_meanwhile(
-    shown: BoolArray,
+def test_a_joint_that_cannot_be_judged_shows_no_touch() -> None:
+    target = Disturbance(LIMBS, CYCLE)
+    target.step(~joints(2, 4), joints(4), False)
+    np.testing.assert_array_equal(target.joints, joints(0, 1, 4, 5))
+
+
+@pytest.mark.parametrize(("shown", "shaken"), [((), (0, 1, 2, 3, 4, 5)), ((1,), (2, 3, 4, 5))])
+def test_a_touch_on_the_trunk_shakes_parts_that_have_not_shown_it_meanwhile(
+    shown: tuple[int, ...], shaken: tuple[int, ...]
 ) -> None:
-    """By the base, or a joint of the legs."""
+    """By the base alone, or a joint of the legs."""
     target = Disturbance(LIMBS, CYCLE)
     for _ in range(PUSH_TICKS):
-        target.step(shown, False)
-        assert not target.joints.any()
-    target.step(shown, False)
-    assert target.joints[LIMBS > 0].all()
-    assert not target.joints[shown].any()
+        take_in(target, *shown)
+        assert target.joints is None
+    take_in(target, *shown)
+    np.testing.assert_array_equal(target.joints, joints(*shaken))
 
 
 def test_the_base_swings_for_a_while_after_a_touch_and_not_during_it() -> None:
     target = Disturbance(LIMBS, CYCLE)
-    target.step(joints(), True)
+    take_in(target, touched=False)
     assert not target.base
     for _ in range(2):  # a touch during the swing begins it again
-        target.step(joints(3), False)
+        take_in(target, 3)
         assert not target.base
         found = []
         for _ in range(SWING_TICKS):
-            target.step(joints(), True)
+            take_in(target, touched=False)
             found.append(target.base)
         assert found == [True] * (SWING_TICKS - 1) + [False]
 
 
 def test_reset_forgets_all_touches() -> None:
     target = Disturbance(LIMBS, CYCLE)
-    target.step(joints(3), False)
+    take_in(target, 3)
     target.reset()
-    assert not target.joints.any()
-    target.step(joints(), True)
+    assert target.joints is None
+    take_in(target, touched=False)
     assert not target.base
 
 
