@@ -19,6 +19,7 @@ from pepper_driver.observer.constants import (
     CORRECTION_TIME,
     HELD_FACTOR,
     QUIET_RATIO,
+    REPORT_DELAY,
     REST_SPEED,
     ROCKING_SPEED,
     SETTLING_TICKS,
@@ -53,7 +54,7 @@ class BaseState:
         pace: Fraction of a residual by which the level of the inertial unit follows it in a tick.
         factor: Of thresholds over spreads.
         standing: Ticks since a wheel was commanded to turn faster than REST_SPEED.
-        still: Ticks since a joint was commanded to move faster than ROCKING_SPEED.
+        still: Ticks since a joint was commanded to move faster than ROCKING_SPEED, or to be so within REPORT_DELAY.
         smooth: Ticks since a joint was commanded to accelerate faster than SHAKING_ACCELERATION.
         repeats: Ticks for which the inertial unit has repeated its values.
     """
@@ -151,7 +152,9 @@ def _respond(
         if not abs(sent_speed[wheel]) < REST_SPEED:
             base.standing = 0
     for j in range(len(velocity)):
-        if not abs(velocity[j]) < ROCKING_SPEED:
+        if not (
+            abs(velocity[j]) < ROCKING_SPEED and REPORT_DELAY * abs(acceleration[j]) < ROCKING_SPEED
+        ):
             base.still = 0
         if not abs(acceleration[j]) < SHAKING_ACCELERATION:
             base.smooth = 0
