@@ -323,7 +323,6 @@ def identify(
         refuse_unattended(backend or BACKEND, held)
     if draws is not None:
         _refuse_with("draws", "each robot has a folder of its own", recordings=recordings)
-        _refuse_with("draws", "no robot is measured", weight=weight)
         numbers = parse_draws(draws)
         with (
             chosen_workers(workers, cluster, console) as pool,
@@ -337,6 +336,7 @@ def identify(
                 out,
                 joints=named,
                 calibration=body,
+                weight=held,
                 seed=chosen.seed if seed is None else seed,
                 mirror=mirror,
                 share_types=share_types,

@@ -32,6 +32,7 @@ from pepper_driver.identification.runs import (
     DryRunError,
     IdentificationRun,
     check_dry_run,
+    plan_measurements,
     plan_runs,
     sweeps_of,
 )
@@ -64,6 +65,7 @@ __all__ = [
     "inspect_recordings",
     "load_recordings",
     "mirror_joint",
+    "plan_measurements",
     "plan_runs",
     "read_manifest",
     "record_joints",

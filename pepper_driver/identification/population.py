@@ -6,7 +6,7 @@ import json
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -28,6 +28,7 @@ from pepper_driver.identification.identify import (
     fit_folder,
     record_joints,
 )
+from pepper_driver.identification.measurements.friction import HeldWeight
 from pepper_driver.observer import ModelFileError, ModelKind, ModelSet
 
 _APART = (
@@ -108,6 +109,7 @@ class _Motion:
 
     experiment: Experiment
     calibration: Experiment | None
+    weight: HeldWeight | None
     joints: tuple[str, ...]
     tested: tuple[str, ...]
     kind: ModelKind
@@ -147,6 +149,7 @@ def identify_population(
     other_kinds: Sequence[ModelKind] = (),
     joints: Sequence[str] | None = None,
     calibration: Experiment | None = None,
+    weight: HeldWeight | None = None,
     seed: int = 0,
     mirror: bool = True,
     share_types: bool = False,
@@ -169,6 +172,7 @@ def identify_population(
         other_kinds: Of models that are fitted to the same recordings too, each in a file of its own.
         joints: To identify; None for those of the experiment.
         calibration: Free motion of the whole body, for thresholds; None for none.
+        weight: Known weight in a hand: each robot is measured first, also with it. None: no robot is measured.
         seed: Root of the random motion and noise.
         mirror: Also models of the other side, from the recordings seen in a mirror.
         share_types: One model per motor type.
@@ -191,6 +195,7 @@ def identify_population(
     motion = _Motion(
         experiment=experiment,
         calibration=calibration,
+        weight=weight,
         joints=full,
         tested=tested,
         kind=kind,
@@ -274,6 +279,7 @@ def _recorded(motion: _Motion) -> dict[str, Any]:
     return {
         "experiment": experiment_hash(motion.experiment),
         "calibration": None if body is None else experiment_hash(body),
+        "weight": None if motion.weight is None else asdict(motion.weight),
         "joints": motion.joints,
         "tested": motion.tested,
         "seed": motion.seed,
@@ -338,6 +344,8 @@ def _identify(
                 folder,
                 tested=motion.tested,
                 calibration=motion.calibration,
+                measure=motion.weight is not None,
+                weight=motion.weight,
                 seed=motion.seed,
                 workers=1,
             )

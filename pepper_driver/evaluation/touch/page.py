@@ -28,9 +28,11 @@ from pepper_driver.evaluation.touch.summary_data import (
     FAST_RISE,
     FORCE_TOLERANCE,
     GROUPS,
+    NOT_WEIGHED,
     PARTS,
     STRONG,
     STRONG_FORCE,
+    WEIGHED,
     By,
     Cell,
     Delays,
@@ -251,20 +253,20 @@ def _results(observer: ObserverSummary) -> dict[str, Callable[[str], str]]:
 def _force_results(observer: ObserverSummary) -> dict[str, Callable[[str], str]]:
     """By name of a result of the forces at hand and forearm, the function that writes it for a law."""
 
-    def forces(state: str, get: Callable[[Forces], Fraction]) -> Callable[[str], str]:
+    def forces(state: str, scale: str, get: Callable[[Forces], Fraction]) -> Callable[[str], str]:
         def text(law: str) -> str:
-            found = observer.force(law, state=state)
+            found = observer.force(law, state=state, scale=scale)
             return "-" if found is None else fraction_text(get(found))
 
         return text
 
     return {
-        name: forces(state, get)
+        f"force{where}{of}: {what}": forces(state, scale, get)
         for state, where in ((ALL, ""), ("attentive", ", attentive"), ("in motion", ", in motion"))
-        for name, get in (
-            (f"force{where}: within {100.0 * FORCE_TOLERANCE:g} %", lambda one: one.right),
-            (f"force{where}: in the stated interval", lambda one: one.covered),
-            (f"force{where}: scale by a known weight", lambda one: one.known),
+        for scale, of in ((ALL, ""), (WEIGHED, ", weighed limb"), (NOT_WEIGHED, ", other limbs"))
+        for what, get in (
+            (f"within {100.0 * FORCE_TOLERANCE:g} %", lambda one: one.right),
+            ("in the stated interval", lambda one: one.covered),
         )
     }
 

@@ -37,9 +37,11 @@ from pepper_driver.evaluation.touch.takes import TakeSpec, perform, plan_takes
 from pepper_driver.identification import (
     IdentifiedRobot,
     identify_population,
+    plan_measurements,
     plan_runs,
     sweeps_of,
 )
+from pepper_driver.identification.measurements.program import held_weight
 from pepper_driver.observer import ModelKind, Observer
 
 PART = 2
@@ -47,6 +49,9 @@ PART = 2
 many robots as these, so that each identifies one."""
 
 EXPERIMENT, CALIBRATION = "identify", "calibration_motion"
+
+WEIGHT = held_weight(0.5, "left")
+"""With which robots are identified; the torques of the other arm keep an assumed scale."""
 """Motions by which an owner identifies a robot: those of ``pepper identify``."""
 
 IN_FLIGHT_ROBOTS = 20
@@ -188,7 +193,8 @@ def _identification_time() -> float:
     robot = load_robot()
     experiment, body = load_experiment(EXPERIMENT, robot), load_experiment(CALIBRATION, robot)
     joints = sweeps_of(experiment).joints
-    return sum(run.seconds for run in plan_runs(robot, joints, experiment, calibration=body))
+    runs = plan_runs(robot, joints, experiment, calibration=body)
+    return sum(run.seconds for run in (*plan_measurements(robot, weight=WEIGHT), *runs))
 
 
 def _part_size(workers: Workers) -> int:
@@ -270,6 +276,7 @@ def _identify(
         judging.folder / "models",
         other_kinds=TREES,
         calibration=load_experiment(CALIBRATION, robot),
+        weight=WEIGHT,
         seed=experiment.seed,
         keep_recordings=judging.keep_recordings,
         workers=workers,

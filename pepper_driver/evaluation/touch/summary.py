@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from typing import NamedTuple, TypeVar, get_args
 
 import numpy as np
@@ -37,10 +38,12 @@ from pepper_driver.evaluation.touch.summary_data import (
     FORCE_PLACES,
     FORCE_TOLERANCE,
     GROUPS,
+    NOT_WEIGHED,
     PARTS,
     STRONG,
     STRONG_FORCE,
     UNKNOWN,
+    WEIGHED,
     By,
     Cell,
     Delays,
@@ -621,21 +624,32 @@ def _forces(ones: Sequence[_One]) -> Iterator[Forces]:
         and one.touch.fading is not None
         and one.touch.fading > one.touch.onset + MIN_FORCE_TIME
     ]
-    for law in _laws(one.law for one in pushes):
-        for place in (ALL, *FORCE_PLACES):
-            for state in (ALL, *GROUPS):
-                some = [
-                    one
-                    for one in pushes
-                    if law in (ALL, one.law)
-                    and place in (ALL, one.touch.place)
-                    and state in (ALL, group_of(one.state))
-                ]
-                if some:
-                    yield _forces_of(law, place, state, some)
+    # A push without an estimate counts for its limb.
+    weighed = {
+        (one.robot, one.touch.limb)
+        for one in ones
+        if one.score.force is not None and one.score.force.scale_known
+    }
+    cells = product(
+        _laws(one.law for one in pushes),
+        (ALL, *FORCE_PLACES),
+        (ALL, *GROUPS),
+        (ALL, WEIGHED, NOT_WEIGHED),
+    )
+    for law, place, state, scale in cells:
+        some = [
+            one
+            for one in pushes
+            if law in (ALL, one.law)
+            and place in (ALL, one.touch.place)
+            and state in (ALL, group_of(one.state))
+            and scale in (ALL, WEIGHED if (one.robot, one.touch.limb) in weighed else NOT_WEIGHED)
+        ]
+        if some:
+            yield _forces_of(law, place, state, scale, some)
 
 
-def _forces_of(law: str, place: str, state: str, pushes: Sequence[_One]) -> Forces:
+def _forces_of(law: str, place: str, state: str, scale: str, pushes: Sequence[_One]) -> Forces:
     estimates = [one.score.force for one in pushes if one.score.force is not None]
     strong = [one for one in pushes if (one.touch.force or 0.0) >= STRONG_FORCE]
     of_strong = [one.score.force for one in strong if one.score.force is not None]
@@ -644,7 +658,7 @@ def _forces_of(law: str, place: str, state: str, pushes: Sequence[_One]) -> Forc
         law=law,
         place=place,
         state=state,
-        known=Fraction.among(pair.scale_known for pair in estimates),
+        scale=scale,
         right=Fraction.counted(sum(abs(error) <= FORCE_TOLERANCE for error in errors), len(strong)),
         covered=Fraction.among(pair.low <= pair.true <= pair.high for pair in of_strong),
         all_covered=Fraction.among(pair.low <= pair.true <= pair.high for pair in estimates),

@@ -46,6 +46,9 @@ FORCE_TOLERANCE = 0.3
 FORCE_PLACES = ("hand", "forearm")
 """Places whose forces are asked for; the joints before them show the force best."""
 
+WEIGHED, NOT_WEIGHED = "weighed", "not weighed"
+"""Limbs by the scale of their torques: measured with a known weight, at least for some contact of the robot, or not."""
+
 PARTS = ("arms", "wrists and hands", "head", "trunk")
 """Of the robot, for false contacts."""
 
@@ -291,7 +294,7 @@ class Forces:
         law: Of the robots.
         place: One place, or ALL for FORCE_PLACES together.
         state: One group of states, or ALL for all states.
-        known: Estimates whose scale was measured with a known weight.
+        scale: WEIGHED or NOT_WEIGHED limbs, or ALL.
         right: Estimates within FORCE_TOLERANCE, of pushes from STRONG_FORCE on.
         covered: Intervals that hold the force that acted, of the same pushes.
         all_covered: The same of pushes of every size.
@@ -301,7 +304,7 @@ class Forces:
     law: str
     place: str
     state: str
-    known: Fraction
+    scale: str
     right: Fraction
     covered: Fraction
     all_covered: Fraction
@@ -403,9 +406,11 @@ class ObserverSummary:
         found = _found(self.false, suite=suite, law=law, by=by, name=name)
         return None if found is None else found.contacts
 
-    def force(self, law: str = ALL, place: str = ALL, state: str = ALL) -> Forces | None:
+    def force(
+        self, law: str = ALL, place: str = ALL, state: str = ALL, scale: str = ALL
+    ) -> Forces | None:
         """Return the forces at a place in a group of states; None if there are none."""
-        found: Forces | None = _found(self.forces, law=law, place=place, state=state)
+        found: Forces | None = _found(self.forces, law=law, place=place, state=state, scale=scale)
         return found
 
     def detected(self, law: str = ALL) -> Fraction:

@@ -150,7 +150,6 @@ def test_one_bad_joint_is_blind_and_does_not_cost_the_others(
         (["--weight", "5"], "0.2 to 0.6 kg, got 5"),
         (["--weight", "nan"], "finite"),
         (["--weight", "0.5", "--no-measure"], "leave '--no-measure' out"),
-        (["--weight", "0.5", "--draws", "0-1"], "'--weight': with '--draws'"),
         (["--weight", "0.5", "--fit-only"], "'--weight': with '--fit-only'"),
         (["--hand", "middle"], "middle"),
         (["--workers", "0"], "--workers"),

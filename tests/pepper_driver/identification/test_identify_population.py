@@ -22,6 +22,8 @@ from pepper_driver.identification import (
 )
 from pepper_driver.identification import identify as identify_module
 from pepper_driver.identification import population as population_module
+from pepper_driver.identification.measurements.friction import HeldWeight
+from pepper_driver.identification.measurements.program import held_weight
 from pepper_driver.identification.runs import IdentificationRun, perform
 from pepper_driver.observer import ModelSet, Recording
 from support.identification import ROBOT, SHORT
@@ -37,6 +39,7 @@ def identified(
     workers: int = 1,
     seed: int = 0,
     uri: str = PLANT,
+    weight: HeldWeight | None = None,
     keep_recordings: bool = False,
 ) -> tuple[IdentifiedRobot, ...]:
     return identify_population(
@@ -46,6 +49,7 @@ def identified(
         "affine",
         folder,
         joints=[JOINT],
+        weight=weight,
         seed=seed,
         keep_recordings=keep_recordings,
         workers=workers,
@@ -109,6 +113,22 @@ def test_each_robot_is_identified_as_a_single_one(
         assert one.file.name.startswith(f"{one.name}-")
     # Nothing stays but models and reports.
     assert len(list(folder_of(made).iterdir())) == 4
+
+
+def test_robots_that_are_weighed_are_measured_too(
+    made: tuple[IdentifiedRobot, ...], tmp_path: Path
+) -> None:
+    (weighed,) = identified(tmp_path, 2, weight=held_weight(0.5, "left"))
+    not_weighed = made[1]
+    assert weighed.file is not None
+    assert not_weighed.file is not None
+    assert ModelSet.load(not_weighed.file).measured is None
+    measured = ModelSet.load(weighed.file).measured
+    assert measured is not None
+    scales = {name: joint.torque_scale is not None for name, joint in measured.joints.items()}
+    assert scales[JOINT]
+    assert not scales["RElbowRoll"]
+    assert weighed.file.name != not_weighed.file.name
 
 
 def test_what_is_there_is_taken(

@@ -21,7 +21,14 @@ from pepper_driver.evaluation.touch.records import (
     save_robot,
 )
 from pepper_driver.evaluation.touch.summary import summarise_touch
-from pepper_driver.evaluation.touch.summary_data import Forces, ObserverSummary, TouchSummary
+from pepper_driver.evaluation.touch.summary_data import (
+    ALL,
+    NOT_WEIGHED,
+    WEIGHED,
+    Forces,
+    ObserverSummary,
+    TouchSummary,
+)
 from pepper_driver.observer import Contact
 from support.evaluation import ROBOT, Script, contact, recording
 from support.touch_records import OURS, ours, reported, robot, take, touched
@@ -122,7 +129,6 @@ def test_forces_count_at_hand_and_forearm_from_15_newtons_on() -> None:
     assert (both.right.count, both.right.of) == (1, 3)
     assert (both.covered.count, both.covered.of) == (1, 2)
     assert (both.all_covered.count, both.all_covered.of) == (1, 3)
-    assert (both.known.count, both.known.of) == (3, 3)
     assert (both.error.count, both.error.of) == (2, 3)
     assert both.error.median == pytest.approx(0.5 * (0.2 - 0.305))
     hand, forearm = (forces(observer, place=place) for place in ("hand", "forearm"))
@@ -130,6 +136,32 @@ def test_forces_count_at_hand_and_forearm_from_15_newtons_on() -> None:
     assert (forearm.right.count, forearm.right.of) == (0, 1)
     assert observer.force(place="upper arm") is None
     assert observer.force(state="standing") is None
+
+
+def test_limbs_whose_scale_was_measured_count_apart() -> None:
+    touches = [touched(5.0 * n, "hand", 20.0) for n in (1, 2)]
+    events = [e for n in (1, 2) for e in reported(n, 5.0 * n + 0.2, 5.0 * n + 1.1)]
+    of_robot = {
+        # None of its second push: wrong, on a limb that was weighed.
+        "a": (estimated(0, 20.0, 20.0),),
+        "b": tuple(
+            estimated(n, 20.0, size, scale_known=False) for n, size in ((0, 30.0), (1, 21.0))
+        ),
+    }
+    records = [
+        replace(
+            robot(take(touches, {OURS: ObserverRecord(events=tuple(events), forces=pairs)})),
+            robot=name,
+        )
+        for name, pairs in of_robot.items()
+    ]
+    _, observer = judged(*records)
+    found = {scale: forces(observer, scale=scale).right for scale in (ALL, WEIGHED, NOT_WEIGHED)}
+    assert {scale: (right.count, right.of) for scale, right in found.items()} == {
+        ALL: (2, 4),
+        WEIGHED: (1, 2),
+        NOT_WEIGHED: (1, 2),
+    }
 
 
 def test_taps_and_pushes_during_others_have_no_force_to_score() -> None:
