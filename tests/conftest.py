@@ -17,6 +17,7 @@ import pepper_driver.controller  # noqa: F401 before a test imports pinocchio
 from pepper_driver.backends.naoqi.qi_library import NoQiError, load_qi
 from pepper_driver.backends.naoqi_server import ipc
 from pepper_driver.backends.naoqi_server.launch import StandIn
+from pepper_driver.config import kernels
 from support.examples import CI_EXAMPLES
 from support.waiting import PATIENCE
 
@@ -43,6 +44,14 @@ def _patient_start() -> Iterator[None]:
     """Processes of a stand-in may take their time to start, as the imports of a busy machine do."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ipc, "START_TIME", 4 * PATIENCE)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _kernels_compile_silently() -> Iterator[None]:
+    """The first test that needs a kernel must not show a line that its neighbours do not show."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(kernels, "_announce", lambda: None)
         yield
 
 
