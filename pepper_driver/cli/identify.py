@@ -243,7 +243,8 @@ def identify(
         bool,
         typer.Option(
             "--measure/--no-measure",
-            help="Measure the robot before its models: delay, noise, friction, scale of torques, speed.",
+            help="Measure the robot before its models: delay, noise, friction, scale of torques, speed; "
+            "with --draws only if there is a --weight.",
         ),
     ] = True,
     weight: Annotated[

@@ -28,11 +28,11 @@ from pepper_driver.evaluation.touch.summary_data import (
     FAST_RISE,
     FORCE_TOLERANCE,
     GROUPS,
-    NOT_WEIGHED,
+    OTHER_ARM,
     PARTS,
     STRONG,
     STRONG_FORCE,
-    WEIGHED,
+    WEIGHT_ARM,
     By,
     Cell,
     Delays,
@@ -253,20 +253,21 @@ def _results(observer: ObserverSummary) -> dict[str, Callable[[str], str]]:
 def _force_results(observer: ObserverSummary) -> dict[str, Callable[[str], str]]:
     """By name of a result of the forces at hand and forearm, the function that writes it for a law."""
 
-    def forces(state: str, scale: str, get: Callable[[Forces], Fraction]) -> Callable[[str], str]:
+    def forces(state: str, arm: str, get: Callable[[Forces], Fraction]) -> Callable[[str], str]:
         def text(law: str) -> str:
-            found = observer.force(law, state=state, scale=scale)
+            found = observer.force(law, state=state, arm=arm)
             return "-" if found is None else fraction_text(get(found))
 
         return text
 
     return {
-        f"force{where}{of}: {what}": forces(state, scale, get)
+        f"force{where}{of}: {what}": forces(state, arm, get)
         for state, where in ((ALL, ""), ("attentive", ", attentive"), ("in motion", ", in motion"))
-        for scale, of in ((ALL, ""), (WEIGHED, ", weighed limb"), (NOT_WEIGHED, ", other limbs"))
+        for arm, of in ((ALL, ""), (WEIGHT_ARM, ", arm of the weight"), (OTHER_ARM, ", other arm"))
         for what, get in (
             (f"within {100.0 * FORCE_TOLERANCE:g} %", lambda one: one.right),
             ("in the stated interval", lambda one: one.covered),
+            ("scale known", lambda one: one.known),
         )
     }
 

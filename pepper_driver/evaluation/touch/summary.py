@@ -38,12 +38,12 @@ from pepper_driver.evaluation.touch.summary_data import (
     FORCE_PLACES,
     FORCE_TOLERANCE,
     GROUPS,
-    NOT_WEIGHED,
+    OTHER_ARM,
     PARTS,
     STRONG,
     STRONG_FORCE,
     UNKNOWN,
-    WEIGHED,
+    WEIGHT_ARM,
     By,
     Cell,
     Delays,
@@ -624,9 +624,9 @@ def _forces(ones: Sequence[_One]) -> Iterator[Forces]:
         and one.touch.fading is not None
         and one.touch.fading > one.touch.onset + MIN_FORCE_TIME
     ]
-    # A push without an estimate counts for its limb.
-    weighed = {
-        (one.robot, one.touch.limb)
+    # All robots of a split are identified with the same weight.
+    held = {
+        one.touch.limb
         for one in ones
         if one.score.force is not None and one.score.force.scale_known
     }
@@ -634,22 +634,22 @@ def _forces(ones: Sequence[_One]) -> Iterator[Forces]:
         _laws(one.law for one in pushes),
         (ALL, *FORCE_PLACES),
         (ALL, *GROUPS),
-        (ALL, WEIGHED, NOT_WEIGHED),
+        (ALL, WEIGHT_ARM, OTHER_ARM),
     )
-    for law, place, state, scale in cells:
+    for law, place, state, arm in cells:
         some = [
             one
             for one in pushes
             if law in (ALL, one.law)
             and place in (ALL, one.touch.place)
             and state in (ALL, group_of(one.state))
-            and scale in (ALL, WEIGHED if (one.robot, one.touch.limb) in weighed else NOT_WEIGHED)
+            and arm in (ALL, WEIGHT_ARM if one.touch.limb in held else OTHER_ARM)
         ]
         if some:
-            yield _forces_of(law, place, state, scale, some)
+            yield _forces_of(law, place, state, arm, some)
 
 
-def _forces_of(law: str, place: str, state: str, scale: str, pushes: Sequence[_One]) -> Forces:
+def _forces_of(law: str, place: str, state: str, arm: str, pushes: Sequence[_One]) -> Forces:
     estimates = [one.score.force for one in pushes if one.score.force is not None]
     strong = [one for one in pushes if (one.touch.force or 0.0) >= STRONG_FORCE]
     of_strong = [one.score.force for one in strong if one.score.force is not None]
@@ -658,7 +658,8 @@ def _forces_of(law: str, place: str, state: str, scale: str, pushes: Sequence[_O
         law=law,
         place=place,
         state=state,
-        scale=scale,
+        arm=arm,
+        known=Fraction.among(pair.scale_known for pair in estimates),
         right=Fraction.counted(sum(abs(error) <= FORCE_TOLERANCE for error in errors), len(strong)),
         covered=Fraction.among(pair.low <= pair.true <= pair.high for pair in of_strong),
         all_covered=Fraction.among(pair.low <= pair.true <= pair.high for pair in estimates),

@@ -46,8 +46,8 @@ FORCE_TOLERANCE = 0.3
 FORCE_PLACES = ("hand", "forearm")
 """Places whose forces are asked for; the joints before them show the force best."""
 
-WEIGHED, NOT_WEIGHED = "weighed", "not weighed"
-"""Limbs by the scale of their torques: measured with a known weight, at least for some contact of the robot, or not."""
+WEIGHT_ARM, OTHER_ARM = "arm of the weight", "other arm"
+"""Arms by the known weight with which robots were identified: the one whose hand held it, and the other one."""
 
 PARTS = ("arms", "wrists and hands", "head", "trunk")
 """Of the robot, for false contacts."""
@@ -294,7 +294,9 @@ class Forces:
         law: Of the robots.
         place: One place, or ALL for FORCE_PLACES together.
         state: One group of states, or ALL for all states.
-        scale: WEIGHED or NOT_WEIGHED limbs, or ALL.
+        arm: WEIGHT_ARM or OTHER_ARM, or ALL for both.
+        known: Estimates whose scale was measured with the weight: not where the current of a joint that the weight
+            hardly loads counts too, as that of some wrists.
         right: Estimates within FORCE_TOLERANCE, of pushes from STRONG_FORCE on.
         covered: Intervals that hold the force that acted, of the same pushes.
         all_covered: The same of pushes of every size.
@@ -304,7 +306,8 @@ class Forces:
     law: str
     place: str
     state: str
-    scale: str
+    arm: str
+    known: Fraction
     right: Fraction
     covered: Fraction
     all_covered: Fraction
@@ -407,10 +410,10 @@ class ObserverSummary:
         return None if found is None else found.contacts
 
     def force(
-        self, law: str = ALL, place: str = ALL, state: str = ALL, scale: str = ALL
+        self, law: str = ALL, place: str = ALL, state: str = ALL, arm: str = ALL
     ) -> Forces | None:
         """Return the forces at a place in a group of states; None if there are none."""
-        found: Forces | None = _found(self.forces, law=law, place=place, state=state, scale=scale)
+        found: Forces | None = _found(self.forces, law=law, place=place, state=state, arm=arm)
         return found
 
     def detected(self, law: str = ALL) -> Fraction:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from pepper_driver.backends.mock import MockBackend
+from pepper_driver.cli import identify as cli_identify
 from pepper_driver.cli.app import run
 from pepper_driver.config import PepperError, load_controller_settings
 from pepper_driver.config.signals import raised_signals
@@ -18,6 +19,7 @@ from pepper_driver.controller import WholeBodyController
 from pepper_driver.controller.report import ControllerStatus
 from pepper_driver.identification import MANIFEST, DryRunError, load_recordings, plan_runs
 from pepper_driver.identification import identify as identify_module
+from pepper_driver.identification.measurements.program import Hand, held_weight
 from pepper_driver.identification.runs import IdentificationRun, check_dry_run, perform
 from pepper_driver.observer import ModelSet, Recording
 from support.identification import (
@@ -392,6 +394,23 @@ def test_many_robots_are_identified_counted_and_taken_again(
     assert run(["identify", "--draws", ",".join(good), *options]) == 0
     shown = capsys.readouterr().out
     assert f"{len(good)} of {len(good)} robots identified, {len(good)} of them earlier" in shown
+
+
+@pytest.mark.parametrize("hand", ["left", "right"])
+def test_many_robots_are_identified_with_a_weight(
+    hand: Hand, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[object] = []
+
+    def identified(*_: object, **options: object) -> tuple[()]:
+        asked.append(options["weight"])
+        return ()
+
+    monkeypatch.setattr(cli_identify, "identify_population", identified)
+    options = ["--backend", "mujoco://?plant=random", "--draws", "0-1", "--out", str(tmp_path)]
+    assert run(["identify", *options]) == 0
+    assert run(["identify", *options, "--weight", "0.4", "--hand", hand]) == 0
+    assert asked == [None, held_weight(0.4, hand)]
 
 
 def test_ctrl_c_in_a_population_says_how_to_go_on(

@@ -14,7 +14,9 @@ from pepper_driver.evaluation.touch.observers import ModelFiles, make
 from pepper_driver.evaluation.touch.records import RecordError, load_robot_record
 from pepper_driver.evaluation.touch.split import Judging, judge
 from pepper_driver.evaluation.touch.takes import TakeSpec, perform
-from support.touch_robots import FAILS, own_models, short_judging, two_takes
+from pepper_driver.identification import IdentifiedRobot
+from pepper_driver.identification.measurements.program import held_weight
+from support.touch_robots import FAILS, identified, own_models, short_judging, two_takes
 
 
 @pytest.fixture
@@ -39,6 +41,20 @@ def test_a_robot_is_touched_and_left_alone_and_its_record_kept(
     monkeypatch.setattr(split, "identify_population", None)
     monkeypatch.setattr(split, "perform", None)
     assert judge(judging, [0], workers=1) == (record,)
+
+
+def test_robots_are_identified_with_a_weight(
+    judging: Judging, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    weights: list[object] = []
+
+    def weighed(*arguments: Any, **options: Any) -> tuple[IdentifiedRobot, ...]:
+        weights.append(options["weight"])
+        return identified(*arguments, **options)
+
+    monkeypatch.setattr(split, "identify_population", weighed)
+    judge(judging, [0], workers=1)
+    assert weights == [held_weight(0.5, "left")]
 
 
 def test_an_interrupted_night_goes_on_with_the_takes_that_it_has(

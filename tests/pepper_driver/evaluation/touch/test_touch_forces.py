@@ -23,8 +23,8 @@ from pepper_driver.evaluation.touch.records import (
 from pepper_driver.evaluation.touch.summary import summarise_touch
 from pepper_driver.evaluation.touch.summary_data import (
     ALL,
-    NOT_WEIGHED,
-    WEIGHED,
+    OTHER_ARM,
+    WEIGHT_ARM,
     Forces,
     ObserverSummary,
     TouchSummary,
@@ -129,6 +129,7 @@ def test_forces_count_at_hand_and_forearm_from_15_newtons_on() -> None:
     assert (both.right.count, both.right.of) == (1, 3)
     assert (both.covered.count, both.covered.of) == (1, 2)
     assert (both.all_covered.count, both.all_covered.of) == (1, 3)
+    assert (both.known.count, both.known.of) == (3, 3)
     assert (both.error.count, both.error.of) == (2, 3)
     assert both.error.median == pytest.approx(0.5 * (0.2 - 0.305))
     hand, forearm = (forces(observer, place=place) for place in ("hand", "forearm"))
@@ -138,30 +139,58 @@ def test_forces_count_at_hand_and_forearm_from_15_newtons_on() -> None:
     assert observer.force(state="standing") is None
 
 
-def test_limbs_whose_scale_was_measured_count_apart() -> None:
-    touches = [touched(5.0 * n, "hand", 20.0) for n in (1, 2)]
-    events = [e for n in (1, 2) for e in reported(n, 5.0 * n + 0.2, 5.0 * n + 1.1)]
-    of_robot = {
-        # None of its second push: wrong, on a limb that was weighed.
-        "a": (estimated(0, 20.0, 20.0),),
-        "b": tuple(
-            estimated(n, 20.0, size, scale_known=False) for n, size in ((0, 30.0), (1, 21.0))
-        ),
-    }
-    records = [
-        replace(
-            robot(take(touches, {OURS: ObserverRecord(events=tuple(events), forces=pairs)})),
-            robot=name,
-        )
-        for name, pairs in of_robot.items()
+def two_arms() -> RobotRecord:
+    """Two pushes on the arm that held the weight, then two on the other one."""
+    left = [touched(5.0 * n, "hand", 20.0) for n in (1, 2)]
+    right = [replace(touched(5.0 * n, "hand", 20.0), limb="right_arm") for n in (3, 4)]
+    events = [
+        event
+        for n, touch in enumerate((*left, *right), 1)
+        for event in reported(n, 5.0 * n + 0.2, 5.0 * n + 1.1, touch.limb)
     ]
-    _, observer = judged(*records)
-    found = {scale: forces(observer, scale=scale).right for scale in (ALL, WEIGHED, NOT_WEIGHED)}
-    assert {scale: (right.count, right.of) for scale, right in found.items()} == {
-        ALL: (2, 4),
-        WEIGHED: (1, 2),
-        NOT_WEIGHED: (1, 2),
+    pairs = (
+        estimated(0, 20.0, 20.0),
+        # None of the second.
+        estimated(2, 20.0, 30.0, scale_known=False),
+        estimated(3, 20.0, 21.0, scale_known=False),
+    )
+    observed = ObserverRecord(events=tuple(events), forces=pairs)
+    return robot(take([*left, *right], {OURS: observed}))
+
+
+def test_the_arm_that_held_the_weight_counts_apart() -> None:
+    first = two_arms()
+    (taken,) = first.takes
+    observed = taken.hearings[OURS]
+    # Of another robot, the wrist shows its torque by its current: its scale stays unknown, but it was weighed.
+    unknown = replace(
+        observed, forces=tuple(replace(pair, scale_known=False) for pair in observed.forces)
+    )
+    second = replace(
+        first, robot="b", takes=(replace(taken, hearings={**taken.hearings, OURS: unknown}),)
+    )
+    _, observer = judged(first, second)
+    found = {arm: forces(observer, arm=arm) for arm in (ALL, WEIGHT_ARM, OTHER_ARM)}
+    assert {arm: (one.right.count, one.right.of) for arm, one in found.items()} == {
+        ALL: (4, 8),
+        WEIGHT_ARM: (2, 4),
+        OTHER_ARM: (2, 4),
     }
+    assert {arm: (one.known.count, one.known.of) for arm, one in found.items()} == {
+        ALL: (1, 6),
+        WEIGHT_ARM: (1, 2),
+        OTHER_ARM: (0, 4),
+    }
+
+
+def test_without_a_weight_no_arm_held_it() -> None:
+    observed = ObserverRecord(
+        events=tuple(reported(1, 5.2, 6.1)),
+        forces=(estimated(0, 20.0, 20.0, scale_known=False),),
+    )
+    _, observer = judged(robot(take([touched(5.0, "hand", 20.0)], {OURS: observed})))
+    assert observer.force(arm=WEIGHT_ARM) is None
+    assert forces(observer, arm=OTHER_ARM).right.count == 1
 
 
 def test_taps_and_pushes_during_others_have_no_force_to_score() -> None:
@@ -180,6 +209,8 @@ def test_the_page_has_fractions_of_right_forces_and_intervals() -> None:
         row for row in page.splitlines() if row.startswith("| force, attentive: within 30 %")
     ]
     assert right.count("1 of 3") == 2
+    assert "| force, attentive, arm of the weight: scale known |" in page
+    assert "| force, attentive, other arm: within 30 % |" in page
     assert "2 of 6" in right
     (held,) = [
         row for row in page.splitlines() if row.startswith("| force, attentive: in the stated")
