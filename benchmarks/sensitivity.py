@@ -38,7 +38,7 @@ from pepper_driver.evaluation.touch.ledger import code_hash
 from pepper_driver.evaluation.touch.observers import ABLATIONS, FUSION, ModelFiles, make, watch_all
 from pepper_driver.evaluation.touch.records import RobotRecord, load_take, save_take
 from pepper_driver.evaluation.touch.scoring import score_robot
-from pepper_driver.evaluation.touch.split import CALIBRATION, EXPERIMENT, WEIGHT, board_law
+from pepper_driver.evaluation.touch.split import CALIBRATION, EXPERIMENT, KNOWN_WEIGHT, board_law
 from pepper_driver.evaluation.touch.summary import group_of, summarise_touch
 from pepper_driver.evaluation.touch.takes import TakeSpec, perform, plan_takes
 from pepper_driver.identification import identify_population
@@ -126,7 +126,7 @@ def perform_takes(draws: Sequence[int], folder: Path, workers: int) -> dict[int,
         "fusion",
         folder / "models",
         calibration=load_experiment(CALIBRATION, robot),
-        weight=WEIGHT,
+        weight=KNOWN_WEIGHT,
         seed=experiment.seed,
         keep_recordings=True,
         workers=workers,

@@ -77,7 +77,8 @@ REST_SPEED = 0.02
 """[rad/s] Up to it a joint or a wheel counts as at rest. Friction may hold it."""
 
 ROCKING_SPEED = 0.2
-"""[rad/s] Desired speed of joints below which they do not rock the base, unless they reach it within REPORT_DELAY."""
+"""[rad/s] Desired speed of joints below which they do not rock the base, unless it changes by as much within
+REPORT_DELAY: a joint that starts is fast before a contact is reported."""
 
 SHAKING_ACCELERATION = 8.0
 """[rad/s2] Desired acceleration of joints from which they shake the base more than its model predicts."""

@@ -54,7 +54,8 @@ class BaseState:
         pace: Fraction of a residual by which the level of the inertial unit follows it in a tick.
         factor: Of thresholds over spreads.
         standing: Ticks since a wheel was commanded to turn faster than REST_SPEED.
-        still: Ticks since a joint was commanded to move faster than ROCKING_SPEED, or to be so within REPORT_DELAY.
+        still: Ticks since a joint was commanded to move faster than ROCKING_SPEED, or to accelerate or brake so that
+            it changes its speed by as much within REPORT_DELAY.
         smooth: Ticks since a joint was commanded to accelerate faster than SHAKING_ACCELERATION.
         repeats: Ticks for which the inertial unit has repeated its values.
     """

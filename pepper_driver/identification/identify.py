@@ -418,7 +418,7 @@ def _response(folder: Path, robot: RobotConfig) -> MeasuredResponse:
     except ResponseError as error:
         raise ResponseError(
             f"{error} (a robot without such currents is identified by 'pepper identify --no-measure', with another "
-            "folder for --recordings)"
+            "folder for --recordings; many robots, with --draws, without --weight)"
         ) from error
 
 

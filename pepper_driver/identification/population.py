@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from pepper_driver.backends import make_backend
 from pepper_driver.backends.selection import parse_uri, with_query
-from pepper_driver.config import ConfigError, Experiment, PepperError, load_robot
+from pepper_driver.config import ConfigError, Experiment, PepperError, load_experiment, load_robot
 from pepper_driver.config.cluster import SOURCES, Cluster, environment, sources_hash
 from pepper_driver.config.file_lock import lock_folder
 from pepper_driver.config.files import content_hash, write_json
@@ -29,6 +29,7 @@ from pepper_driver.identification.identify import (
     record_joints,
 )
 from pepper_driver.identification.measurements.friction import HeldWeight
+from pepper_driver.identification.measurements.program import MEASUREMENTS
 from pepper_driver.observer import ModelFileError, ModelKind, ModelSet
 
 _APART = (
@@ -275,11 +276,15 @@ def _make_robots(
 
 def _recorded(motion: _Motion) -> dict[str, Any]:
     """Return what a robot does."""
-    body = motion.calibration
+    body, weight = motion.calibration, motion.weight
+    measured = () if weight is None else MEASUREMENTS
     return {
+        "measured": {
+            name: experiment_hash(load_experiment(name, load_robot())) for name in measured
+        },
+        "weight": None if weight is None else asdict(weight),
         "experiment": experiment_hash(motion.experiment),
         "calibration": None if body is None else experiment_hash(body),
-        "weight": None if motion.weight is None else asdict(motion.weight),
         "joints": motion.joints,
         "tested": motion.tested,
         "seed": motion.seed,

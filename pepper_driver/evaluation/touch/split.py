@@ -49,10 +49,10 @@ PART = 2
 many robots as these, so that each identifies one."""
 
 EXPERIMENT, CALIBRATION = "identify", "calibration_motion"
-
-WEIGHT = held_weight(0.5, "left")
-"""With which robots are identified; the torques of the other arm keep an assumed scale."""
 """Motions by which an owner identifies a robot: those of ``pepper identify``."""
+
+KNOWN_WEIGHT = held_weight(0.5, "left")
+"""0.5 kg in the left hand, with which each robot is measured; the torques of the other arm keep an assumed scale."""
 
 IN_FLIGHT_ROBOTS = 20
 """Of a part on a cluster, whose workers may come later."""
@@ -194,7 +194,7 @@ def _identification_time() -> float:
     experiment, body = load_experiment(EXPERIMENT, robot), load_experiment(CALIBRATION, robot)
     joints = sweeps_of(experiment).joints
     runs = plan_runs(robot, joints, experiment, calibration=body)
-    return sum(run.seconds for run in (*plan_measurements(robot, weight=WEIGHT), *runs))
+    return sum(run.seconds for run in (*plan_measurements(robot, weight=KNOWN_WEIGHT), *runs))
 
 
 def _part_size(workers: Workers) -> int:
@@ -276,7 +276,7 @@ def _identify(
         judging.folder / "models",
         other_kinds=TREES,
         calibration=load_experiment(CALIBRATION, robot),
-        weight=WEIGHT,
+        weight=KNOWN_WEIGHT,
         seed=experiment.seed,
         keep_recordings=judging.keep_recordings,
         workers=workers,

@@ -10,7 +10,13 @@ from pathlib import Path
 import pytest
 
 from pepper_driver.backends import make_backend
-from pepper_driver.config import ConfigError, PepperError
+from pepper_driver.config import (
+    ConfigError,
+    Experiment,
+    PepperError,
+    RobotConfig,
+    load_experiment,
+)
 from pepper_driver.config.cluster import sources_hash
 from pepper_driver.config.files import OutputError
 from pepper_driver.config.population import HeldOutDrawError, allow_test_draws
@@ -23,7 +29,7 @@ from pepper_driver.identification import (
 from pepper_driver.identification import identify as identify_module
 from pepper_driver.identification import population as population_module
 from pepper_driver.identification.measurements.friction import HeldWeight
-from pepper_driver.identification.measurements.program import held_weight
+from pepper_driver.identification.measurements.program import FRICTION, held_weight
 from pepper_driver.identification.runs import IdentificationRun, perform
 from pepper_driver.observer import ModelSet, Recording
 from support.identification import ROBOT, SHORT
@@ -290,6 +296,31 @@ def test_what_drives_a_robot_counts_for_its_recordings() -> None:
         assert not any(fnmatchcase(name, pattern) for pattern in patterns)
     for name in ("observer/residuals/fusion.py", "identification/fit.py"):
         assert any(fnmatchcase(name, pattern) for pattern in patterns)
+
+
+def test_motions_of_the_measurement_count_where_robots_are_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folders: list[str] = []
+
+    def refused(uri: str, joints: object, experiment: object, folder: Path, **_: object) -> None:
+        folders.append(folder.name)
+        raise PepperError("not now")
+
+    def changed(name: str, robot: RobotConfig) -> Experiment:
+        experiment = load_experiment(name, robot)
+        return replace(experiment, stiffness=0.5) if name == FRICTION else experiment
+
+    monkeypatch.setattr(population_module, "record_joints", refused)
+    weight = held_weight(0.5, "left")
+    identified(tmp_path, 2)
+    identified(tmp_path, 2, weight=weight)
+    monkeypatch.setattr(population_module, "load_experiment", changed)
+    identified(tmp_path, 2)
+    identified(tmp_path, 2, weight=weight)
+    alone, weighed, again, otherwise = folders
+    assert alone == again
+    assert len({alone, weighed, otherwise}) == 3
 
 
 def test_draws_for_tests_are_refused_before_anything_moves(
