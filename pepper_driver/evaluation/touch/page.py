@@ -15,7 +15,7 @@ from pepper_driver.evaluation.report import number, section, table
 from pepper_driver.evaluation.touch.comparison import Difference, paired
 from pepper_driver.evaluation.touch.kinds import MAX_PUSH_TIME, MAX_TAP_PAUSE, MAX_TAP_TIME
 from pepper_driver.evaluation.touch.map import law_in_words
-from pepper_driver.evaluation.touch.n90 import MAX_FORCE
+from pepper_driver.evaluation.touch.n90 import MAX_FORCE, N90
 from pepper_driver.evaluation.touch.observers import ABLATIONS, FUSION
 from pepper_driver.evaluation.touch.scoring import (
     AFTER_RELEASE,
@@ -500,7 +500,29 @@ def rows_table(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
             ("row", *(f"detected, `{law}`" for law in summary.laws), "force that acted [N]"), rows
         ),
         "The force is the median over touches of the largest force of each.",
+        *_other_n90(summary, observer),
     )
+
+
+def _other_n90(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
+    """Write N90 of the rows that have several forces: taps, and touches of another length."""
+    found = {(one.row, one.place, one.law): one.n90 for one in observer.rows if one.n90 is not None}
+    if not found:
+        return []
+    kinds = dict.fromkeys((row, place) for row, place, _ in found)
+    header = ["row, place", *(f"N90 [N], `{law}`" for law in summary.laws)]
+    rows = [
+        [
+            row if place == ALL else f"{row}, {place}",
+            *(_n90_text(found.get((row, place, law))) for law in summary.laws),
+        ]
+        for row, place in kinds
+    ]
+    return [table(header, rows), "N90 of these touches, their states together."]
+
+
+def _n90_text(value: N90 | None) -> str:
+    return "-" if value is None else f"{value.text}; {value.touches} touches"
 
 
 def _row_fraction(row: RowFraction | None) -> str:

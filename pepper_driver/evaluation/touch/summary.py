@@ -18,7 +18,7 @@ from pepper_driver.config.robot import TRUNK
 from pepper_driver.config.touch_suites import EVEN, TouchSuites
 from pepper_driver.evaluation.touch.kinds import UNKNOWN_IN_LOGS, UNSHARPENED
 from pepper_driver.evaluation.touch.ledger import MainResults
-from pepper_driver.evaluation.touch.n90 import ForceTouch, n90
+from pepper_driver.evaluation.touch.n90 import N90, ForceTouch, n90
 from pepper_driver.evaluation.touch.observers import FUSION
 from pepper_driver.evaluation.touch.records import LOG, BoardLaw, RobotRecord, Touched
 from pepper_driver.evaluation.touch.scoring import (
@@ -78,6 +78,9 @@ MIN_FORCE_TIME = 0.3
 
 FORCE_STEP = 0.1
 """[N] Forces are rounded to it for N90."""
+
+N90_FORCES = 4
+"""Different forces from which a row of the suites has an N90."""
 
 
 class _One(NamedTuple):
@@ -394,6 +397,7 @@ def _rows(
                     and place in (ALL, one.touch.place)
                     and group in (ALL, group_of(one.state))
                 ]
+                one_place = place != ALL or len(here) == 1
                 yield RowFraction(
                     row=row,
                     law=law,
@@ -401,7 +405,14 @@ def _rows(
                     state=group,
                     detected=Fraction.among(one.score.detected for one in some),
                     force=_median(one.touch.force for one in some),
+                    n90=_row_n90(some) if law != ALL and one_place and group == ALL else None,
                 )
+
+
+def _row_n90(ones: Sequence[_One]) -> N90 | None:
+    forces = {one.touch.asked for one in ones if one.touch.asked is not None}
+    touches = _force_touches(ones)
+    return n90(touches) if len(forces) >= N90_FORCES and touches else None
 
 
 # -- false contacts ---------------------------------------------------------------------------------------------------

@@ -154,6 +154,7 @@ class RowFraction:
         row, law, place, state: Which ones; ``state`` is a group, or a state that is in none.
         detected: How many of them.
         force: Median force that really acted [N]; None where it is unknown.
+        n90: Of one law and place in all states of the row; None where its forces are too few for a curve.
     """
 
     row: str
@@ -162,6 +163,7 @@ class RowFraction:
     state: str
     detected: Fraction
     force: float | None
+    n90: N90 | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

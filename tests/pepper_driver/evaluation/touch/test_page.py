@@ -134,6 +134,29 @@ def test_the_page_says_what_the_summary_has() -> None:
     assert "Few robots (2 of `nominal`, 2 of `integral`)" in page
 
 
+def test_rows_of_several_forces_have_their_n90_on_the_page() -> None:
+    summary = summary_of_drawn()
+    assert "N90 of these touches" not in text(summary)
+    cell = ours(summary).group("nominal", "hand", "standing")
+    assert cell is not None
+    assert cell.n90 is not None
+    rows = tuple(
+        replace(row, n90=cell.n90) if (row.law, row.place) == ("nominal", "hand") else row
+        for row in ours(summary).rows
+    )
+    page = text(
+        replace(
+            summary,
+            observers=tuple(
+                replace(one, rows=rows) if one.name == OURS else one for one in summary.observers
+            ),
+        )
+    )
+    check_tables(page)
+    expected = f"| {cell.n90.text}; {cell.n90.touches} touches | - |"
+    assert line(page, "tap of 0.1 s, hand") == f"| tap of 0.1 s, hand {expected}"
+
+
 def test_an_ablation_is_written_as_difference_and_a_baseline_as_result() -> None:
     page = text(summary_of_drawn())
     ablation, baseline = line(page, f"`{WITHOUT}`"), line(page, "`momentum`")

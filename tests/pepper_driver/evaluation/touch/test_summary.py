@@ -19,6 +19,7 @@ from pepper_driver.evaluation.touch.summary import (
     summarise_touch,
 )
 from pepper_driver.evaluation.touch.summary_data import (
+    ALL,
     Fraction,
     Quantiles,
     TouchSummary,
@@ -114,6 +115,21 @@ def test_rows_are_separate_by_law_place_and_group_but_only_where_there_are_two()
     assert fractions["tap", "all", "all", "in motion"] == (2, 2, 11.0)
     assert fractions["grip", "all", "all", "standing"] == (0, 1, 7.0)
     assert not [key for key in fractions if key[0] == "grip" and key[2] != "all"]
+
+
+def test_rows_of_several_forces_have_an_n90_by_law_and_place() -> None:
+    forces = (5.0, 8.0, 12.0, 20.0)
+    taps = [touched(5.0 * n, "hand", force, row="tap") for n, force in enumerate(forces, 1)]
+    few = [touched(5.0 * n, "hand", 8.0, row="grip") for n in (5, 6, 7, 8)]
+    events = [event for n in (3, 4) for event in reported(n, 5.0 * n + 0.1, 5.0 * n + 0.5)]
+    one_place = standing([*taps, *few], events)
+    two_places = standing([*taps, touched(50.0, "head", 8.0, row="tap")], events)
+    for taken, place in ((one_place, ALL), (two_places, "hand")):
+        (found,) = [row for row in ours(summed(robot(taken))).rows if row.n90 is not None]
+        assert (found.row, found.law, found.place, found.state) == ("tap", "nominal", place, ALL)
+        assert found.n90 is not None
+        assert found.n90.touches == 4
+        assert 8.0 < found.n90.newtons < 20.0
 
 
 def test_lowered_forces_are_counted_by_place() -> None:
