@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -19,8 +20,9 @@ SPACING = 0.04
 SIZES = (2.0, 4.0, 8.0, 16.0, 32.0)
 """[N] Sizes of forces that are as likely beforehand: rms of a force in any direction."""
 
-SURFACE_RATIO = 1.0 / 3.0
-"""Standard deviation of the lever to the surface over the radius of a link: of all directions, half of them inwards."""
+SURFACE_RATIO = math.sqrt(2.0) / 3.0
+"""Standard deviation of the lever from the axis of a link to its surface, over its radius: mean over all directions of
+the force, all sides of the link and the three axes."""
 
 MIN_STD = 0.02
 """[N m] Standard deviation that every torque has: levers are not known better."""
@@ -48,7 +50,8 @@ class ContactForce:
         interval: Least and largest size with a probability of COVERAGE [N].
         point: (3,) on the axis of its link [m].
         point_covariance: (3, 3) [m2].
-        scale_known: True if a known weight has shown the scale of all torques that it is fitted to.
+        scale_known: True if a known weight has shown the scale of all torques that it is fitted to, but that of the
+            wrist, which a weight hardly loads.
         torques: By index of a joint that it is fitted to, its torque there, signed [N m], and the standard deviation.
             Where no force explains the torques, those that were measured.
     """
@@ -85,7 +88,8 @@ class ForceEstimator:
     well a point and a size explain the torques is their weight; force and point are means over them. A direction in
     which no joint turns, and a place between which the joints cannot choose, thus show in the covariances.
 
-    Joints without a current that shows their torque, and those of the hands, are left out.
+    Joints whose current does not show their torque are left out, but for wrists, of which most are such: a force on the
+    surface of the hand turns the wrist, one on the forearm does not. Joints of the hands are left out.
 
     Args:
         robot: Its description.
@@ -99,11 +103,14 @@ class ForceEstimator:
         self._model, self._scale = RobotModel(robot), scale
         self._draws = _normal_draws(DRAWS)
         self._joints: dict[str, list[int]] = {}
+        self._outermost: set[int] = set()
         self._points: dict[str, list[_LinkPoints]] = {}
         for limb, chain in robot.limbs.items():
             moving = [name for name in chain if name not in robot.hands.joints]
             indices = [robot.joint_index(name) for name in moving]
-            self._joints[limb] = [j for j in indices if scale.by_current[j]]
+            outermost = indices[-1:]
+            self._outermost.update(outermost)
+            self._joints[limb] = [j for j in indices if scale.by_current[j] or j in outermost]
             links = [robot.joints[j].child for j in indices]
             self._points[limb] = [
                 _sample(link, capsules.capsules[link])
@@ -187,7 +194,9 @@ class ForceEstimator:
             interval=(low, high),
             point=point,
             point_covariance=point_covariance,
-            scale_known=bool(self._scale.known[joints].all()),
+            scale_known=bool(
+                self._scale.known[[j for j in joints if j not in self._outermost]].all()
+            ),
             torques=dict(zip(joints, found, strict=True)),
         )
 

@@ -188,9 +188,9 @@ def drawn(
     force = random.choice(SIZES) / np.sqrt(3.0) * random.standard_normal(3)
     pose = MODEL.link_pose(link, posture)
     place = pose[:3, :3] @ point + pose[:3, 3]
-    # On the surface: half of the forces push inwards, and have no moment about the axis of the link.
+    # On the surface, on any side.
     outward = random.standard_normal(3)
-    outward *= capsule.radius * random.integers(2) / np.linalg.norm(outward)
+    outward *= capsule.radius / np.linalg.norm(outward)
     torque = torque_of(link, force, posture, point + pose[:3, :3].T @ outward)
     factors = np.exp(scale_std * random.standard_normal(N))
     torque = torque * factors + torque_std * random.standard_normal(N)
@@ -230,14 +230,40 @@ def test_an_unknown_scale_widens_the_interval_and_is_said() -> None:
     assert np.trace(unknown.covariance) > np.trace(known.covariance)
 
 
-def test_one_joint_without_a_weight_makes_the_scale_unknown() -> None:
+@pytest.mark.parametrize(
+    ("joint", "is_known"), [("LShoulderRoll", False), ("LElbowYaw", False), ("LWristYaw", True)]
+)
+def test_one_joint_without_a_weight_makes_the_scale_unknown_but_not_the_wrist(
+    joint: str, is_known: bool
+) -> None:
     known = np.full(N, True)
-    known[ROBOT.joint_index("LElbowYaw")] = False
+    known[ROBOT.joint_index(joint)] = False
     target = ForceEstimator(ROBOT, CAPSULES, replace(scale(), known=known))
     torque = torque_of("l_wrist", np.array([0.0, 10.0, 0.0]), BENT)
     found = target.estimate("left_arm", torque, np.full(N, 0.1), ALL, BENT)
     assert found is not None
-    assert not found.scale_known
+    assert found.scale_known is is_known
+
+
+def test_a_wrist_shows_whether_hand_or_forearm_is_touched_whatever_shows_its_torque() -> None:
+    """A hand pushed 3 cm beside its axis turns the wrist; the same torques without that are of a forearm."""
+    target = estimator(blind=("LWristYaw",))
+    axes = MODEL.link_pose("l_wrist", BENT)[:3, :3]
+    torque = torque_of(
+        "l_wrist", axes @ np.array([0.0, 0.0, -15.0]), BENT, np.array([0.03, 0.03, 0.0])
+    )
+    wrist = ROBOT.joint_index("LWristYaw")
+    assert abs(torque[wrist]) > 0.3
+    none = torque.copy()
+    none[wrist] = 0.0
+    std = np.full(N, 0.3)
+    std[wrist] = 0.03
+    hand, forearm = (target.estimate("left_arm", one, std, ALL, BENT) for one in (torque, none))
+    assert hand is not None
+    assert forearm is not None
+    start = MODEL.link_pose("LForeArm", BENT)[:3, 3]
+    assert np.linalg.norm(hand.point - start) > np.linalg.norm(forearm.point - start) + 0.03
+    assert np.linalg.norm(forearm.vector) > np.linalg.norm(hand.vector)
 
 
 # -- what is not there ------------------------------------------------------------------------------------------------
