@@ -60,7 +60,7 @@ FACTORS = (0.5, 2.0)
 GROUPS = ("standing", "attentive", "in motion")
 
 VariantResult = dict[str, Any]
-"""Of one variant: ``felt``, the detected touches, by robot and group, (count, of); ``false`` by robot, alone and
+"""Of one variant: ``detected`` touches, by robot and group, (count, of); ``false`` by robot, alone and
 touched; hours; N90 [N]."""
 
 
@@ -226,7 +226,7 @@ def judge(variant: str, models: dict[int, Path], folder: Path) -> VariantResult:
     assert ours is not None
     cells = {f"{cell.law}, {cell.place}, {cell.state}": cell.n90 for cell in ours.groups}
     return {
-        "felt": detected,
+        "detected": detected,
         "false": false,
         "hours": hours,
         "n90": {name: None if n is None else n.newtons for name, n in cells.items()},
@@ -256,7 +256,7 @@ def judge_apart(variant: str, models: dict[int, Path], folder: Path) -> VariantR
 
 def detected_fraction(result: VariantResult, group: str) -> float:
     """Return the fraction of touches of a group that were detected."""
-    parts = [robot[group] for robot in result["felt"].values()]
+    parts = [robot[group] for robot in result["detected"].values()]
     detected, of = (sum(column) for column in zip(*parts, strict=True))
     return float(detected / max(of, 1))
 
@@ -264,9 +264,9 @@ def detected_fraction(result: VariantResult, group: str) -> float:
 def difference(result: VariantResult, shipped: VariantResult) -> str:
     """Return the difference of the fractions of all touches, mean over robots, and twice its standard error."""
     found = []
-    for robot, groups in result["felt"].items():
+    for robot, groups in result["detected"].items():
         of = sum(part[1] for part in groups.values())
-        before = sum(part[0] for part in shipped["felt"][robot].values())
+        before = sum(part[0] for part in shipped["detected"][robot].values())
         found.append((sum(part[0] for part in groups.values()) - before) / max(of, 1))
     spread = 2.0 * np.std(found, ddof=1) / math.sqrt(len(found)) if len(found) > 1 else math.nan
     return f"{np.mean(found):+.3f} +- {spread:.3f}"
@@ -283,7 +283,7 @@ def show(results: dict[str, VariantResult], console: Console) -> None:
     shipped = results[FUSION]
     alone, touched = shipped["hours"]
     table = Table(
-        title=f"Simulated, development robots: {len(shipped['felt'])}, {alone:.1f} h alone, {touched:.1f} h touched"
+        title=f"Simulated, development robots: {len(shipped['detected'])}, {alone:.1f} h alone, {touched:.1f} h touched"
     )
     columns = (
         "N90 hand [N]",
