@@ -332,8 +332,11 @@ class RobotModel:
 
     def place_points(
         self, link: str, points: FloatArray, joint_position: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return (m, 3) places of points of a link in base_link [m], and their (m, 3, 17) Jacobians there.
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return places of points of a link, their Jacobians, and the axes of the joints that carry it.
+
+        The places are (m, 3) in base_link [m], the Jacobians (m, 3, 17) in its axes. The axes are (3, 17) unit vectors
+        in the link's frame, 0 for joints that do not carry the link.
 
         Args:
             link: Name of the link.
@@ -350,7 +353,7 @@ class RobotModel:
         pose = self.link_pose(link, joint_position)
         levers = points @ pose[:3, :3].T
         turning = (levers @ _CROSS).reshape(-1, 3, 3) @ jacobian[3:]
-        return levers + pose[:3, 3], jacobian[:3] + turning
+        return levers + pose[:3, 3], jacobian[:3] + turning, pose[:3, :3].T @ jacobian[3:]
 
 
 _CROSS = -np.cross(np.eye(3)[:, None], np.eye(3)[None, :]).transpose(0, 2, 1).reshape(3, 9)

@@ -60,8 +60,9 @@ class Contact:
         point: Where it acts, on the axis of a link, in base_link [m]: mean over the points of the limb that explain the
             torques.
         point_covariance: Of ``point`` [m2].
-        scale_known: True if the scale of these torques was measured with a known weight; otherwise it is that of
-            documented motors and masses, whose uncertainty is in covariance and interval.
+        scale_known: True if the scale of these torques was measured with a known weight (but of the wrist, which it
+            hardly loads); otherwise it is that of documented motors and masses, whose uncertainty is in covariance and
+            interval.
         onset_time: Clock of the robot when the residual began to leave its free-motion band [s].
         detection_time: When the contact was first reported [s].
         time: Time of the event [s]; an ``end`` is reported later, when the residual has stayed low.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -20,15 +19,11 @@ SPACING = 0.04
 SIZES = (2.0, 4.0, 8.0, 16.0, 32.0)
 """[N] Sizes of forces that are as likely beforehand: rms of a force in any direction."""
 
-SURFACE_RATIO = math.sqrt(2.0) / 3.0
-"""Standard deviation of the lever from the axis of a link to its surface, over its radius: mean over all directions of
-the force, all sides of the link and the three axes."""
-
 MIN_STD = 0.02
 """[N m] Standard deviation that every torque has: levers are not known better."""
 
 MIN_JOINTS = 2
-"""Joints with a torque estimate below which a force is not determined."""
+"""Joints whose current shows their torque below which a force is not determined."""
 
 DRAWS = 32
 """Samples of each component, of which the interval follows."""
@@ -52,8 +47,8 @@ class ContactForce:
         point_covariance: (3, 3) [m2].
         scale_known: True if a known weight has shown the scale of all torques that it is fitted to, but that of the
             wrist, which a weight hardly loads.
-        torques: By index of a joint that it is fitted to, its torque there, signed [N m], and the standard deviation.
-            Where no force explains the torques, those that were measured.
+        torques: By index of a joint that it is fitted to and whose current shows its torque, its torque there, signed
+            [N m], and the standard deviation. Where no force explains the torques, those that were measured.
     """
 
     vector: FloatArray
@@ -72,10 +67,19 @@ class ContactForce:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _LinkPoints:
-    """Candidate points of one link: (m, 3) in its frame [m], (m,) radii and distances of their neighbours [m]."""
+    """Candidate points of one link, in its frame.
+
+    Attributes:
+        link: Its name.
+        points: (m, 3) on the axes of its capsules [m].
+        surface: (m, 3, 3) covariance of the surface around them [m2].
+        radius: (m,) of the capsules [m].
+        spacing: (m,) distance of the neighbours [m].
+    """
 
     link: str
     points: FloatArray
+    surface: FloatArray
     radius: FloatArray
     spacing: FloatArray
 
@@ -88,8 +92,8 @@ class ForceEstimator:
     well a point and a size explain the torques is their weight; force and point are means over them. A direction in
     which no joint turns, and a place between which the joints cannot choose, thus show in the covariances.
 
-    Joints whose current does not show their torque are left out, but for wrists, of which most are such: a force on the
-    surface of the hand turns the wrist, one on the forearm does not. Joints of the hands are left out.
+    Left out are joints whose current does not show their torque, and those of the hands. Wrists count in any case: a
+    force on the surface of the hand turns the wrist, one on the forearm does not.
 
     Args:
         robot: Its description.
@@ -103,14 +107,14 @@ class ForceEstimator:
         self._model, self._scale = RobotModel(robot), scale
         self._draws = _normal_draws(DRAWS)
         self._joints: dict[str, list[int]] = {}
-        self._outermost: set[int] = set()
+        self._wrists: set[int] = set()
         self._points: dict[str, list[_LinkPoints]] = {}
         for limb, chain in robot.limbs.items():
             moving = [name for name in chain if name not in robot.hands.joints]
             indices = [robot.joint_index(name) for name in moving]
-            outermost = indices[-1:]
-            self._outermost.update(outermost)
-            self._joints[limb] = [j for j in indices if scale.by_current[j] or j in outermost]
+            if len(moving) < len(chain):
+                self._wrists.add(indices[-1])
+            self._joints[limb] = [j for j in indices if scale.by_current[j] or j in self._wrists]
             links = [robot.joints[j].child for j in indices]
             self._points[limb] = [
                 _sample(link, capsules.capsules[link])
@@ -136,32 +140,40 @@ class ForceEstimator:
             position: (n,) measured [rad].
 
         Returns:
-            None where less than MIN_JOINTS joints of the limb have a torque, or its description has no points.
+            None where fewer than MIN_JOINTS joints of the limb show their torque by a current, or its description has
+            no points.
         """
         joints = [
             j for j in self._joints[limb] if usable[j] and np.isfinite(torque[j] + torque_std[j])
         ]
         parts = self._points[limb]
-        if len(joints) < MIN_JOINTS or not parts or not np.isfinite(position).all():
+        if self._scale.by_current[joints].sum() < MIN_JOINTS or not parts:
+            return None
+        if not np.isfinite(position).all():
             return None
         placed = [self._model.place_points(part.link, part.points, position) for part in parts]
-        points = np.concatenate([place for place, _ in placed])
-        jacobians = np.concatenate([jacobian[:, :, joints] for _, jacobian in placed])
+        points = np.concatenate([place for place, _, _ in placed])
+        jacobians = np.concatenate([jacobian[:, :, joints] for _, jacobian, _ in placed])
+        surface = np.concatenate(
+            [
+                lever_variance(part.surface, axes[:, joints])
+                for part, (_, _, axes) in zip(parts, placed, strict=True)
+            ]
+        )
         radius = np.concatenate([part.radius for part in parts])
         spacing = np.concatenate([part.spacing for part in parts])
         measured = torque[joints]
         variance = np.maximum(torque_std[joints], MIN_STD) ** 2
         variance += (self._scale.std[joints] * measured) ** 2
         levers = jacobians.transpose(0, 2, 1)
-        fits = fit_forces(levers, measured, variance, radius)
+        fits = fit_forces(levers, measured, variance, surface)
         excess = fits.misfit / len(joints)
         if excess > 1.0:
             # No force at one place explains these torques: they are less certain than they seem.
-            fits = fit_forces(levers, measured, excess * variance, radius)
+            fits = fit_forces(levers, measured, excess * variance, surface)
         force = self._average(fits, points, radius, spacing, levers, joints)
         if excess > 1.0:
-            found = zip(measured.tolist(), torque_std[joints].tolist(), strict=True)
-            force = replace(force, torques=dict(zip(joints, found, strict=True)))
+            force = replace(force, torques=self._torques(joints, measured, torque_std[joints]))
         return force
 
     def _average(
@@ -187,18 +199,22 @@ class ForceEstimator:
             levers @ fits.covariance @ levers.transpose(0, 2, 1),
         )
         torque_std = np.sqrt(np.diagonal(torque_covariance))
-        found = zip(torque.tolist(), torque_std.tolist(), strict=True)
         return ContactForce(
             vector=mean * (middle / length) if length > 0.0 else mean,
             covariance=covariance,
             interval=(low, high),
             point=point,
             point_covariance=point_covariance,
-            scale_known=bool(
-                self._scale.known[[j for j in joints if j not in self._outermost]].all()
-            ),
-            torques=dict(zip(joints, found, strict=True)),
+            scale_known=bool(self._scale.known[[j for j in joints if j not in self._wrists]].all()),
+            torques=self._torques(joints, torque, torque_std),
         )
+
+    def _torques(
+        self, joints: Sequence[int], torque: FloatArray, std: FloatArray
+    ) -> dict[int, tuple[float, float]]:
+        """Return torques and their standard deviations by joint, of joints whose current shows them [N m]."""
+        found = zip(joints, torque.tolist(), std.tolist(), strict=True)
+        return {j: (value, spread) for j, value, spread in found if self._scale.by_current[j]}
 
     def _sizes(self, fits: ForceFits) -> tuple[float, float, float]:
         """Return least, median and largest size of the force [N]."""
@@ -235,7 +251,7 @@ def fit_forces(
     levers: FloatArray,
     torque: FloatArray,
     variance: FloatArray,
-    radius: FloatArray,
+    surface: FloatArray,
     sizes: Sequence[float] = SIZES,
 ) -> ForceFits:
     """Fit a force at each point to joint torques.
@@ -244,13 +260,11 @@ def fit_forces(
         levers: (m, n, 3) torque on each joint per force at each point [m].
         torque: (n,) measured [N m].
         variance: (n,) of it [N2 m2].
-        radius: (m,) of the link around each point [m]: the force acts on its surface.
+        surface: (m, n) variance of the levers to the surface around each point [m2]: the force acts there.
         sizes: (k,) that are assumed beforehand [N].
     """
     size = np.asarray(sizes)
-    inner = np.any(levers != 0.0, axis=2)  # joints that carry the point
-    off_axis = (SURFACE_RATIO * np.multiply.outer(radius, size)) ** 2
-    noise = variance + off_axis[:, :, None] * inner[:, None, :]  # (m, k, n)
+    noise = variance + surface[:, None] * size[:, None] ** 2  # (m, k, n)
     prior = 3.0 / size**2  # per axis [1/N2]
     weighted = levers[:, None] / noise[..., None]  # (m, k, n, 3)
     precision = weighted.transpose(0, 1, 3, 2) @ levers[:, None]
@@ -271,6 +285,25 @@ def fit_forces(
     )
 
 
+def lever_variance(surface: FloatArray, axes: FloatArray) -> FloatArray:
+    """Return the variance of the levers of joints to a surface, for forces in any direction.
+
+    A force f at a place d off the point has the torque (d x f) a about an axis a. Its variance is that of f along each
+    axis times the mean of (a x d)^2.
+
+    Args:
+        surface: (m, 3, 3) covariance of d around each point [m2].
+        axes: (3, n) of the joints, 0 where a joint does not carry the points.
+
+    Returns:
+        (m, n), torque per size of the force [m2].
+    """
+    size = np.trace(surface, axis1=1, axis2=2)[:, None] * (axes**2).sum(axis=0)
+    along = np.einsum("in,mij,jn->mn", axes, surface, axes)
+    variance: FloatArray = (size - along) / 3.0
+    return variance
+
+
 def _mixture(
     weight: FloatArray, means: FloatArray, covariances: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -283,17 +316,23 @@ def _mixture(
 
 def _sample(link: str, capsules: Sequence[Capsule]) -> _LinkPoints:
     """Return points along the axes of the capsules of a link."""
-    points, radius, spacing = [], [], []
+    points, surface, radius, spacing = [], [], [], []
     for capsule in capsules:
         start, end = np.array(capsule.start), np.array(capsule.end)
         length = float(np.linalg.norm(end - start))
         count = 1 + int(np.ceil(length / SPACING))
         points.append(np.linspace(start, end, count))
+        around = np.eye(3) / 3.0  # of a ball
+        if length > 0.0:
+            along = (end - start) / length
+            around = 0.5 * (np.eye(3) - np.outer(along, along))
+        surface += [capsule.radius**2 * around] * count
         radius += [capsule.radius] * count
         spacing += [length / max(count - 1, 1)] * count
     return _LinkPoints(
         link=link,
         points=np.concatenate(points),
+        surface=np.array(surface),
         radius=np.array(radius),
         spacing=np.array(spacing),
     )

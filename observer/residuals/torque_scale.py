@@ -23,7 +23,7 @@ ASSUMED_STD = 0.15
 """That of a scale by documented constants and masses."""
 
 LOAD_STD = 0.3
-"""That of a scale by documented masses alone, of a joint whose current does not show its torque."""
+"""That of a joint whose current does not show its torque: by documented masses alone, of a wrist by its motor."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,7 +57,8 @@ class TorqueScale:
         - as the geometric mean of two assumptions, where there was no weight: the documented torque constant with gears
           of GEAR_EFFICIENCY, and the documented masses, whose load the model fits. Half of what these differ by is the
           least uncertainty;
-        - by the documented masses alone, where the current does not show the torque.
+        - as the model has it, where the current does not show the torque: by the documented masses alone, or, of a
+          wrist, by current and voltage of its documented motor while it slides.
         """
         n = len(models)
         stiffness, std = np.full(n, np.nan), np.full(n, np.nan)

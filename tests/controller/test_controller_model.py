@@ -169,12 +169,20 @@ def test_point_jacobian_is_the_slope_of_link_pose(link: str) -> None:
 def test_points_of_a_link_are_placed_together_as_one_by_one() -> None:
     random = np.random.default_rng(6)
     position, points = random_posture(random), random.normal(size=(4, 3))
-    places, jacobians = MODEL.place_points("LForeArm", points, position)
+    places, jacobians, axes = MODEL.place_points("LForeArm", points, position)
     pose = MODEL.link_pose("LForeArm", position)
     assert np.abs(places - (points @ pose[:3, :3].T + pose[:3, 3])).max() < 1e-12
     assert jacobians.shape == (4, 3, JOINTS)
     for point, jacobian in zip(points, jacobians, strict=True):
         assert np.abs(jacobian - MODEL.point_jacobian("LForeArm", point, position)).max() < 1e-12
+    # A point moves by the turning of the link about its own origin, and with that origin.
+    origin = MODEL.point_jacobian("LForeArm", np.zeros(3), position)
+    turning = np.cross(pose[:3, :3] @ axes, places[0] - pose[:3, 3], axis=0)
+    assert np.abs(jacobians[0] - origin - turning).max() < 1e-12
+    carrying = [j for j, axis in enumerate(axes.T) if axis.any()]
+    assert np.linalg.norm(axes[:, carrying], axis=0) == pytest.approx(1.0)
+    assert ROBOT.joint_index("LElbowRoll") in carrying
+    assert ROBOT.joint_index("LWristYaw") not in carrying
 
 
 @pytest.mark.parametrize("joint", ROBOT.joint_names)

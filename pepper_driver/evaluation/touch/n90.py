@@ -54,7 +54,7 @@ class N90:
     """Force at which the fraction N90_FRACTION of the touches is detected.
 
     Attributes:
-        newtons: The force [N]; infinite where it is not reached until MAX_FORCE.
+        newtons: The force [N]; infinite where it is not reached until the limit.
         low, high: Its interval [N], bootstrap over robots, CONFIDENCE; None with one robot.
         worst: Largest N90 of one robot, with the slope and the lapse rate of all [N].
         worst_robot: Name of that robot.
@@ -120,6 +120,7 @@ def n90(
     *,
     slopes: Sequence[float] = SLOPES,
     lapses: Sequence[float] = LAPSES,
+    limit: float = MAX_FORCE,
 ) -> N90:
     """Fit P(detected | F) = (1 - lapse) / (1 + exp(-(ln F - ln middle) / slope)); return the force of N90_FRACTION.
 
@@ -131,6 +132,7 @@ def n90(
         touches: At least one; all forces above 0.
         slopes: Widths in ln force that may be.
         lapses: Lapse rates that may be, below 1.
+        limit: A larger N90 is none [N].
 
     Raises:
         ArgumentError: No touches, or a force that is none.
@@ -142,7 +144,7 @@ def n90(
         raise ArgumentError(f"forces of touches are above 0 N, got {wrong[0].force:g} N")
     robots = sorted({touch.robot for touch in touches})
     forces = sorted({touch.force for touch in touches})
-    curves, likely = _log_likelihood(touches, robots, forces, slopes, lapses)
+    curves, likely = _log_likelihood(touches, robots, forces, slopes, lapses, limit)
     # Columns from the largest N90 down: the first of equally likely ones is the one that counts.
     order = np.lexsort((-curves[:, 0], -curves[:, 3]))
     curves, likely = curves[order], likely[:, order]
@@ -212,6 +214,7 @@ def _log_likelihood(
     forces: Sequence[float],
     slopes: Sequence[float],
     lapses: Sequence[float],
+    limit: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Curves (n, 4) with middle, slope, lapse, N90; log likelihood (robots, n) of the touches of each robot."""
     grid = np.meshgrid(MIDDLES, slopes, lapses, indexing="ij")
@@ -220,7 +223,7 @@ def _log_likelihood(
     # A curve with a larger lapse rate ends below N90_FRACTION.
     odds = np.where(reached < 1.0, reached / np.where(reached < 1.0, 1.0 - reached, 1.0), np.inf)
     value = middle * odds**slope
-    value[value > MAX_FORCE] = np.inf
+    value[value > limit] = np.inf
 
     z = (np.log(forces) - np.log(middle)[:, None]) / slope[:, None]
     log_curve = -np.logaddexp(0.0, -z)

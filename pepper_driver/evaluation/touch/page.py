@@ -79,7 +79,7 @@ RULES = (
     "with a fraction of touches that are not detected at any force, is fitted to touches of 1 s (rise 0.1 s) from all "
     "sides, without those along the axis of the limb. Robots of one law are pooled. Of equally likely curves the one "
     "with the largest N90 counts. In brackets a 95 % interval by bootstrap over robots; *worst* is the N90 of the "
-    "worst robot.",
+    "worst robot. Other touches of several forces have an N90 in a table of their own.",
     "Forces are those that acted: a touch that would tip the robot is planned lower, and counts as what it is.",
     "The *friction bound* of a touch is the minimum over the joints of its limb of 2 F / |J^T u|: friction may hide a "
     "smaller force from a limb at rest, whatever the observer. The tables have its median.",
@@ -505,7 +505,7 @@ def rows_table(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
 
 
 def _other_n90(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
-    """Write N90 of the rows that have several forces: taps, and touches of another length."""
+    """Write N90 of the rows that have several forces: along the axis, taps, and touches of another length."""
     found = {(one.row, one.place, one.law): one.n90 for one in observer.rows if one.n90 is not None}
     if not found:
         return []
@@ -518,7 +518,11 @@ def _other_n90(summary: TouchSummary, observer: ObserverSummary) -> list[str]:
         ]
         for row, place in kinds
     ]
-    return [table(header, rows), "N90 of these touches, their states together."]
+    return [
+        table(header, rows),
+        "N90 of these touches, all states of the row pooled. Few forces were tried: between two of them it is the "
+        "curve's.",
+    ]
 
 
 def _n90_text(value: N90 | None) -> str:

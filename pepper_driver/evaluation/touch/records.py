@@ -123,7 +123,7 @@ class ForceEstimate:
         true: Largest that acted.
         estimate: That was reported.
         low, high: Interval that was reported with it.
-        scale_known: True if its scale was measured with a known weight.
+        scale_known: True if its scale was measured with a known weight, but for that of the wrist.
     """
 
     touch: int

@@ -79,8 +79,8 @@ MIN_FORCE_TIME = 0.3
 FORCE_STEP = 0.1
 """[N] Forces are rounded to it for N90."""
 
-N90_FORCES = 4
-"""Different forces from which a row of the suites has an N90."""
+MIN_N90_FORCES = 4
+"""Different forces of a row of the suites below which it has no N90."""
 
 
 class _One(NamedTuple):
@@ -412,7 +412,7 @@ def _rows(
 def _row_n90(ones: Sequence[_One]) -> N90 | None:
     forces = {one.touch.asked for one in ones if one.touch.asked is not None}
     touches = _force_touches(ones)
-    return n90(touches) if len(forces) >= N90_FORCES and touches else None
+    return n90(touches, limit=max(forces)) if len(forces) >= MIN_N90_FORCES and touches else None
 
 
 # -- false contacts ---------------------------------------------------------------------------------------------------

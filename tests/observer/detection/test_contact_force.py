@@ -17,6 +17,7 @@ from pepper_driver.observer.detection.contact_force import (
     SIZES,
     ForceEstimator,
     fit_forces,
+    lever_variance,
 )
 from pepper_driver.observer.residuals.torque_scale import TorqueScale
 from pepper_driver.observer.scoring import JOINT_FRACTION
@@ -77,7 +78,7 @@ def test_two_joints_of_a_planar_arm_show_point_and_force_across_it() -> None:
     reaches = np.array([0.35, 0.4, 0.45, 0.5, 0.55])
     # 10 N across, 0.5 m from the first joint and 0.2 m from the second one.
     fits = fit_forces(
-        planar(reaches), np.array([5.0, 2.0]), np.full(2, 1e-4), np.zeros(5), sizes=(10.0,)
+        planar(reaches), np.array([5.0, 2.0]), np.full(2, 1e-4), np.zeros((5, 2)), sizes=(10.0,)
     )
     assert int(fits.weight.argmax()) == 3
     assert fits.weight[3] > 0.99
@@ -90,7 +91,7 @@ def test_two_joints_of_a_planar_arm_show_point_and_force_across_it() -> None:
 def test_the_evidence_of_a_size_is_that_of_a_normal_distribution() -> None:
     levers, torque = planar(np.array([0.4])), np.array([3.0, 0.9])
     variance, sizes = np.array([0.04, 0.01]), (4.0, 16.0)
-    fits = fit_forces(levers, torque, variance, np.zeros(1), sizes=sizes)
+    fits = fit_forces(levers, torque, variance, np.zeros((1, 2)), sizes=sizes)
     likelihood = []
     for size in sizes:
         covariance = levers[0] @ levers[0].T * size**2 / 3.0 + np.diag(variance)
@@ -102,10 +103,30 @@ def test_the_evidence_of_a_size_is_that_of_a_normal_distribution() -> None:
 def test_the_surface_of_a_link_makes_its_joints_less_sure() -> None:
     levers, torque = planar(np.array([0.4])), np.array([4.0, 1.0])
     on_axis, around = (
-        fit_forces(levers, torque, np.full(2, 1e-4), np.array([radius]), sizes=(10.0,))
-        for radius in (0.0, 0.06)
+        fit_forces(levers, torque, np.full(2, 1e-4), np.full((1, 2), lever**2), sizes=(10.0,))
+        for lever in (0.0, 0.02)
     )
     assert around.covariance[0, 1, 1] > 10.0 * on_axis.covariance[0, 1, 1]
+
+
+def test_levers_to_a_surface_vary_as_those_of_drawn_forces() -> None:
+    """About the axis of a cylinder a force on its surface has more lever than about one across it."""
+    random = np.random.default_rng(8)
+    draws, radius = 200_000, 0.045
+    along = np.array([1.0, 0.0, 0.0])
+    force = random.standard_normal((draws, 3)) / np.sqrt(3.0)  # rms of its size: 1 N
+    angle = random.uniform(0.0, 2.0 * np.pi, draws)
+    cylinder = radius * np.stack([np.zeros(draws), np.cos(angle), np.sin(angle)], axis=1)
+    ball = random.standard_normal((draws, 3))
+    ball *= radius / np.linalg.norm(ball, axis=1)[:, None]
+    axes = np.stack([along, [0.0, 0.0, 1.0], [0.6, 0.8, 0.0], np.zeros(3)], axis=1)
+    shapes = np.array([0.5 * (np.eye(3) - np.outer(along, along)), np.eye(3) / 3.0])
+    variance = lever_variance(radius**2 * shapes, axes)
+    for found, places in zip(variance, (cylinder, ball), strict=True):
+        torque = np.cross(places, force) @ axes
+        assert found[:3] == pytest.approx(torque.var(axis=0)[:3], rel=0.02)
+        assert found[3] == 0.0
+    assert variance[0, 0] == pytest.approx(2.0 * variance[0, 1])
 
 
 # -- the robot --------------------------------------------------------------------------------------------------------
@@ -189,9 +210,9 @@ def drawn(
     pose = MODEL.link_pose(link, posture)
     place = pose[:3, :3] @ point + pose[:3, 3]
     # On the surface, on any side.
-    outward = random.standard_normal(3)
+    outward = np.cross(end - start, random.standard_normal(3))
     outward *= capsule.radius / np.linalg.norm(outward)
-    torque = torque_of(link, force, posture, point + pose[:3, :3].T @ outward)
+    torque = torque_of(link, force, posture, point + outward)
     factors = np.exp(scale_std * random.standard_normal(N))
     torque = torque * factors + torque_std * random.standard_normal(N)
     return posture, torque, force, float(np.linalg.norm(force)), place
@@ -302,6 +323,26 @@ def test_too_few_joints_have_no_force() -> None:
     enough, few = without(*ARM[MIN_JOINTS:]), without(*ARM[MIN_JOINTS - 1 :])
     assert estimator().estimate("left_arm", torque, std, enough, BENT) is not None
     assert estimator().estimate("left_arm", torque, std, few, BENT) is None
+
+
+def test_a_wrist_alone_makes_no_force_and_other_joints_need_a_current() -> None:
+    torque, std = torque_of("l_wrist", np.array([0.0, 12.0, 0.0]), BENT), np.full(N, 0.1)
+    elbow = without(*ARM[:3])
+    assert estimator().estimate("left_arm", torque, std, elbow, BENT) is not None
+    assert estimator(blind=("LWristYaw",)).estimate("left_arm", torque, std, elbow, BENT) is None
+    push = torque_of("Head", np.array([-15.0, 0.0, 0.0]), BENT, np.array([0.005, 0.0, 0.118]))
+    assert estimator(blind=("HeadPitch",)).estimate("head", push, std, ALL, BENT) is None
+
+
+def test_an_unknown_wrist_leaves_the_other_joints_their_force() -> None:
+    torque, std = torque_of("l_wrist", np.array([0.0, 12.0, -9.0]), BENT), np.full(N, 0.1)
+    unknown = torque.copy()
+    unknown[ROBOT.joint_index("LWristYaw")] = np.nan
+    found = estimator().estimate("left_arm", unknown, std, ALL, BENT)
+    expected = estimator().estimate("left_arm", torque, std, without("LWristYaw"), BENT)
+    assert found is not None
+    assert expected is not None
+    assert found.vector == pytest.approx(expected.vector)
 
 
 def test_an_unknown_posture_has_no_force() -> None:
