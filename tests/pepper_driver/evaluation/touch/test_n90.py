@@ -239,3 +239,17 @@ def test_a_lapse_rate_is_that_of_ten_more_touches_that_were_detected() -> None:
     assert n90(touches).lapse == 0.08
     # Of ten times as many they hardly count.
     assert n90(touches * 10).lapse == 0.15
+
+
+def test_a_force_beyond_the_limit_is_not_reached() -> None:
+    """Of 20 N three touches in four are detected: the curve reaches nine in ten beyond that, where none was made."""
+    touches = [
+        ForceTouch(force, number < detected, f"r{number % 2}")
+        for force, detected in ((5.0, 0), (8.0, 4), (12.0, 10), (20.0, 15))
+        for number in range(20)
+    ]
+    beyond = n90(touches, lapses=(0.0,))
+    assert 20.0 < beyond.newtons < 30.0
+    within = n90(touches, lapses=(0.0,), limit=20.0)
+    assert math.isinf(within.newtons)
+    assert within.text == "> 20"
