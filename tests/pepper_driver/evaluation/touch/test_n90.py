@@ -242,7 +242,7 @@ def test_a_lapse_rate_is_that_of_ten_more_touches_that_were_detected() -> None:
 
 
 def test_a_force_beyond_the_limit_is_not_reached() -> None:
-    """Of 20 N three touches in four are detected: the curve reaches nine in ten beyond that, where none was made."""
+    """At 20 N three touches in four are detected: the curve reaches nine in ten beyond it, where none was made."""
     touches = [
         ForceTouch(force, number < detected, f"r{number % 2}")
         for force, detected in ((5.0, 0), (8.0, 4), (12.0, 10), (20.0, 15))
