@@ -224,10 +224,12 @@ def _results(observer: ObserverSummary) -> dict[str, Callable[[str], str]]:
 
     return {
         "false contacts an hour (begins and moves), left alone": false("free", _rate),
+        "the same, left alone, worst robot": lambda law: _worst_false(observer, law, "free"),
         "the same, people touch": false("touch", _rate),
         "the same, together": false(ALL, _rate),
-        "the same, worst robot": lambda law: _worst_false(observer, law),
-        "seconds an hour in contacts that are none; fraction of time": false(ALL, _idle),
+        "the same, together, worst robot": lambda law: _worst_false(observer, law, ALL),
+        "time an hour in contacts that are none; fraction of it, left alone": false("free", _idle),
+        "that time, together": false(ALL, _idle),
         "touches of row `even` that are detected": lambda law: fraction_text(
             observer.detected(law)
         ),
@@ -272,16 +274,22 @@ def _force_results(observer: ObserverSummary) -> dict[str, Callable[[str], str]]
     }
 
 
-def _worst_false(observer: ObserverSummary, law: str) -> str:
-    rates = [
-        (robot.false.rate.per_hour, robot.robot)
+def _worst_false(observer: ObserverSummary, law: str, suite: Suite) -> str:
+    contacts = {
+        robot.robot: observer.false_contacts(suite, robot.law, "robot", robot.robot)
         for robot in observer.robots
-        if law in (ALL, robot.law) and robot.false.rate.per_hour is not None
-    ]
+        if law in (ALL, robot.law)
+    }
+    rates = {
+        name: one
+        for name, one in contacts.items()
+        if one is not None and one.rate.per_hour is not None
+    }
     if not rates:
         return "-"
-    worst, name = max(rates, key=lambda rate: rate[0])
-    return f"{short_number(worst)} ({name})"
+    name = max(rates, key=lambda name: rates[name].rate.per_hour or 0.0)
+    rate = rates[name].rate
+    return f"{short_number(rate.per_hour or 0.0)}, {rate.count} in {short_number(rate.hours)} h ({name})"
 
 
 def _rate(contacts: FalseContacts) -> str:
@@ -292,7 +300,7 @@ def _rate(contacts: FalseContacts) -> str:
 def _idle(contacts: FalseContacts) -> str:
     if contacts.seconds_per_hour is None or contacts.fraction_of_time is None:
         return "-"
-    return f"{short_number(contacts.seconds_per_hour)} s; {100.0 * contacts.fraction_of_time:.2f} %"
+    return f"{short_number(contacts.seconds_per_hour)} s; {_percent(contacts.fraction_of_time)}"
 
 
 def _end(ends: Ends) -> str:
@@ -656,7 +664,7 @@ def _false_cells(contacts: FalseContacts) -> list[str]:
         str(contacts.other_touched),
         str(contacts.rebounds),
         "-" if contacts.seconds_per_hour is None else short_number(contacts.seconds_per_hour),
-        "-" if of_time is None else f"{100.0 * of_time:.2f} %",
+        "-" if of_time is None else _percent(of_time),
         "-" if contacts.reported_rebounds is None else str(contacts.reported_rebounds),
         "-" if contacts.open_limbs is None else str(contacts.open_limbs),
     ]
@@ -950,6 +958,10 @@ def delay_text(quantiles: Quantiles, unit: str = " ms") -> str:
         return "-"
     values = f"{_ms(quantiles.median)} / {_ms(quantiles.p90)}{unit}"
     return f"{values} ({quantiles.count} of {quantiles.of})"
+
+
+def _percent(fraction: float) -> str:
+    return f"{100.0 * fraction:.3f} %"
 
 
 def _ms(seconds: float) -> str:

@@ -134,6 +134,43 @@ def test_the_page_says_what_the_summary_has() -> None:
     assert "Few robots (2 of `nominal`, 2 of `integral`)" in page
 
 
+def test_the_worst_robot_left_alone_is_the_one_with_most_false_contacts_there() -> None:
+    """A robot that is worst while people touch it is no worst one for those left alone."""
+    summary = summary_of_drawn()
+    one = ours(summary)
+    rates = {
+        robot.robot: found.events / found.hours
+        for robot in one.robots
+        if (found := one.false_contacts("free", robot.law, "robot", robot.robot)) is not None
+    }
+    worst = max(rates, key=lambda name: rates[name])
+    row = line(text(summary), "the same, left alone, worst robot").split(" | ")
+    assert f"({worst})" in row[-1]
+    assert all(f"({name})" not in row[-1] for name in rates if name != worst)
+
+
+def test_a_short_time_in_contacts_that_are_none_is_not_rounded_away() -> None:
+    """One second in ten hours is 0.003 % of the time; the limit of the project is 0.01 %."""
+    summary = summary_of_drawn()
+    one = ours(summary)
+    short = replace(
+        one,
+        false=tuple(
+            replace(
+                group,
+                contacts=replace(
+                    group.contacts, fraction_of_time=1.0 / 36_000.0, seconds_per_hour=0.1
+                ),
+            )
+            for group in one.false
+        ),
+    )
+    others = tuple(short if entry is one else entry for entry in summary.observers)
+    page = text(replace(summary, observers=others))
+    row = line(page, "time an hour in contacts that are none; fraction of it, left alone")
+    assert row.count("0.10 s; 0.003 %") == row.count("|") - 2
+
+
 def test_rows_of_several_forces_have_their_n90_on_the_page() -> None:
     summary = summary_of_drawn()
     assert "N90 of these touches" not in text(summary)
