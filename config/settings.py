@@ -214,6 +214,7 @@ class SafetySettings:
     stiffness_loss: Positive
     stiffness_time: NonNegative
     frozen_distance: Positive
+    frozen_motion: Positive
     frozen_time: Positive
     stale_hold: Positive
     stale_fault: Positive

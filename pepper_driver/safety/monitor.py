@@ -82,6 +82,7 @@ class MotorMonitor:
         self.lowered = 0
         self._silent = np.zeros(len(self._names), dtype=np.int64)
         self._last: Measurement | None = None
+        self._begun = np.zeros(len(self._names))
 
     def stiffness(
         self, measurement: Measurement, answered: Command, newest: Command, soft: bool
@@ -121,12 +122,14 @@ class MotorMonitor:
     ) -> Fault | None:
         """Return the fault of a joint, (17,) ``distance`` from its command [rad], whose encoder is frozen.
 
-        At rest an encoder may stand for minutes. A motor that is far from its command has a current, which trembles,
-        however firmly the joint is held. Only samples in which some other current changed are new ones.
+        At rest an encoder may stand for minutes, and so may the current of a motor that holds a load, where it trembles
+        by less than a count. A motor that is far from its command has another current for each command. Only samples in
+        which some other current changed are new ones.
         """
-        last = self._last
+        last, command = self._last, answered.position
         self._last = measurement
         if last is None:
+            self._begun = command
             return None
         stands = measurement.current == last.current
         if np.count_nonzero(stands) == len(stands):
@@ -134,14 +137,17 @@ class MotorMonitor:
         far = np.abs(distance) > self._settings.frozen_distance
         should = far & self._judged & (answered.stiffness > self._settings.min_driven_stiffness)
         stands &= should & (measurement.position == last.position)
-        self._silent = np.where(stands, self._silent + 1, 0)
+        # Where the command was when the joint began to stand.
+        self._begun = np.where(stands, self._begun, command)
+        moved = np.abs(command - self._begun) > self._settings.frozen_motion
+        self._silent = np.where(stands & moved, self._silent + 1, 0)
         worst = int(self._silent.argmax())
         if self._silent[worst] <= self._silent_ticks:
             return None
         text = (
             f"{self._names[worst]} does not answer: {np.degrees(abs(distance[worst])):.0f} deg from its command, and "
-            "neither its position nor its current changes any more; its board is off or unplugged: restart the robot, "
-            "or have it repaired"
+            "neither its position nor its current changes as its command moves; its board is off or unplugged: restart "
+            "the robot, or have it repaired"
         )
         return Fault(reason=FaultReason.FROZEN_JOINT, text=text)
 
