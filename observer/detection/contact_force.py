@@ -23,7 +23,7 @@ MIN_STD = 0.02
 """[N m] Standard deviation that every torque has: levers are not known better."""
 
 MIN_JOINTS = 2
-"""Joints whose current shows their torque below which a force is not determined."""
+"""A force is determined by at least so many joints whose current shows their torque."""
 
 DRAWS = 32
 """Samples of each component, of which the interval follows."""

@@ -17,6 +17,7 @@ from pepper_driver.observer.models.stick_slip import (
     MIN_TRANSPORT,
     NO_LIMIT,
     PARAMETERS,
+    WEAK_GAIN,
     StickSlipModel,
     StickSlipParameters,
 )
@@ -36,10 +37,6 @@ MIN_LOAD_EFFECT = np.radians(0.05)
 
 FIT_REST_SPEED = 0.03
 """[rad/s] Desired speed below which the error is that at rest."""
-
-WEAK_GAIN = 0.1
-"""[rad/(N m)] 1 / K of a joint as weak as a wrist or a hand. Too little is known of its load to show K, or friction by
-load: a hand has its centre of mass a millimetre from the axis. At rest its current is lost in noise and dead band."""
 
 SLIDING_SPEED = 0.3
 """[rad/s] Desired speed from which a joint slides: its motor turns as fast as the joint is to."""

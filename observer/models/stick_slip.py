@@ -31,6 +31,10 @@ MIN_TRANSPORT, MAX_TRANSPORT = -3.0, 2.0
 is T longer: its part of the command extrapolates it. 18 ms are one tick and a half."""
 
 
+WEAK_GAIN = 0.1
+"""[rad/(N m)] 1 / K of a joint as weak as a wrist or a hand. Too little is known of its load to show K, or friction by
+load: a hand has its centre of mass a millimetre from the axis. At rest its current is lost in noise and dead band."""
+
 NO_LIMIT = 1e3
 """[rad/s] Target speed of a board that follows every command at once."""
 

@@ -83,19 +83,19 @@ def _compare(
     commands: Records[JointCommand],
     model: Records[StickSlipState],
     ticks: Out[Records[JointTick]],
-) -> tuple[int, bool]:
-    """Compute both residuals of each joint; return how many joints are good, and True if a board falls behind.
+) -> bool:
+    """Compute both residuals of each joint; return True if a board falls behind.
 
     The arguments are those of ``current_residual``, ``differentiate`` and ``push_median``. Where a joint with a model
     has no residual, it is no longer ``good``.
     """
     falls_behind = _exclude_behind(commands, model, carries, ticks)
-    use, good_count, n = settings[0], 0, len(ticks)
+    use, n = settings[0], len(ticks)
     for j in range(n):
         tick, command, joint, expected = ticks[j], commands[j], joints[j], model[j]
         error, board_error = command.target - tick.measured, expected.target - tick.measured
         tick.change, curvature = differentiate(filters, j, error, use.gain, use.cycle)
-        by_current, motor = current_residual(
+        by_current, motor, output = current_residual(
             channels,
             j,
             tick.current,
@@ -105,12 +105,12 @@ def _compare(
             expected.friction + joint.load_gain * command.load_torque,
             pushed,
         )
+        tick.motor, tick.output = motor, output
         if tick.good:
             update_integral(joints, j, board_error, motor, use.cycle)
         by_model = expected.position - tick.measured - joint.bias
         by_current = by_current - joint.bias if channels[j].by_current else by_model
         tick.good = tick.good and (math.isfinite(by_model + by_current) or joint.no_model)
-        good_count += tick.good
         if not use.uses_model:
             by_model = by_current
         if not use.uses_current:
@@ -121,7 +121,7 @@ def _compare(
         tick.by_current = push_median(rings, n + j, count, by_current, ordered)
         tick.residual = _agreed(tick.by_model, tick.by_current)
         tick.raw = _agreed(by_model, by_current) if tick.good else math.nan
-    return good_count, falls_behind
+    return falls_behind
 
 
 @kernel
@@ -157,6 +157,8 @@ class ChannelComparison:
         uses_current: False for the residual by the model alone.
 
     Attributes:
+        by_current: (n,) True where the current shows the torque of the motor.
+        gain: Fraction of a change that the smoothed values take in with one sample.
         hands: (n,) signs of touches, for :func:`follow_hand`.
     """
 
@@ -172,7 +174,9 @@ class ChannelComparison:
     ) -> None:
         n = len(models)
         self._channels = current_channels(models)
+        self.by_current: BoolArray = self._channels["by_current"].copy()
         self._derivatives = ErrorDerivatives(n, cycle)
+        self.gain = self._derivatives.gain
         self._settings = make_records(
             ChannelSettings,
             1,
@@ -201,7 +205,7 @@ class ChannelComparison:
         ticks: Records[JointTick],
         *,
         pushed: bool,
-    ) -> tuple[int, bool]:
+    ) -> bool:
         """Take in one tick; all values finite.
 
         Args:
@@ -212,7 +216,7 @@ class ChannelComparison:
             pushed: True while the base shows a push.
 
         Returns:
-            The number of joints that are good; True if a board holds its target behind the command.
+            True if a board holds its target behind the command.
         """
         derivatives, median = self._derivatives, self._median
         if not derivatives.started:

@@ -2,8 +2,8 @@
 
 A joint is in doubt if its command has rested for SETTLING_TICKS and more while the channel of the model alone was
 beyond the threshold: its motor does not work against that. Its friction may then have any sign. From QUIET_RATIO of the
-threshold on, until this channel is within it again, and for SETTLING_TICKS after the joint was blind, its threshold is
-UNSURE_FACTOR times as high.
+threshold on, until this channel is within it again, and for SETTLING_TICKS after the joint was blind or the target of
+its board jumped, its threshold is UNSURE_FACTOR times as high.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ def step_doubt(
     threshold: float,
     moving: bool,
     blind: bool,
+    jumps: bool,
 ) -> bool:
     """Take in one tick of a joint; return True if it rests off its place, and its motor does not work against that.
 
@@ -57,6 +58,7 @@ def step_doubt(
         threshold: Before it was raised [rad].
         moving: True if it slides without touch, or did just before.
         blind: True if it cannot be judged.
+        jumps: True if the target of its board jumps.
     """
     state, quiet, off = states[j], QUIET_RATIO * threshold, abs(model)
     loud = abs(residual) > quiet
@@ -64,7 +66,7 @@ def step_doubt(
     alone = off > quiet and not (loud or moving or blind)
     state.alone_ticks = state.alone_ticks + 1 if alone else 0
     rests_off = state.alone_ticks >= SETTLING_TICKS
-    if blind:
+    if blind or jumps:
         state.raised_ticks = SETTLING_TICKS
     elif rests_off or (state.raised_ticks > 0 and off > quiet):
         state.raised_ticks = max(state.raised_ticks - 1, 1)

@@ -33,7 +33,8 @@ from pepper_driver.observer.detection.threshold import (
 )
 from pepper_driver.observer.interface import MAX_PLAUSIBLE, MIN_OBSERVED_STIFFNESS, Residuals
 from pepper_driver.observer.models.fusion_model import FusionModel
-from pepper_driver.observer.models.stick_slip import StickSlipState
+from pepper_driver.observer.models.stick_slip import WEAK_GAIN, StickSlipState
+from pepper_driver.observer.residuals.board_law import BoardLaw
 from pepper_driver.observer.residuals.channels import ChannelComparison, follow_hand
 from pepper_driver.observer.residuals.doubt import DoubtState, raise_threshold, step_doubt
 from pepper_driver.observer.residuals.hand_loads import HandLoads
@@ -178,7 +179,14 @@ def _decide(
             tick.current,
         )
         tick.doubtful = step_doubt(
-            doubts, j, tick.by_model, residual, tick.own_threshold, moving, tick.blind
+            doubts,
+            j,
+            tick.by_model,
+            residual,
+            tick.own_threshold,
+            moving,
+            tick.blind,
+            tick.jumps,
         )
         expected = command.target - model[j].position + joints[j].bias
         band = friction_band(joints, j, command.load_torque, moving)
@@ -232,6 +240,7 @@ class FusionParts:
         confirmation: False for thresholds of limbs that a push on the base does not lower.
         bias: False for no bias.
         loads: False for hands that are taken to be empty.
+        law: False for currents that are not compared with the law of the boards; nor are they with one channel alone.
     """
 
     model: bool = True
@@ -240,6 +249,7 @@ class FusionParts:
     confirmation: bool = True
     bias: bool = True
     loads: bool = True
+    law: bool = True
 
 
 class FusionGenerator:
@@ -308,15 +318,25 @@ class FusionGenerator:
             trunk=limb_numbers == 0,
         )
         self.bounds = self._threshold.bounds
+        carries = _carries(n, limbs)
         self._limbs = limb_numbers if parts.limbs else np.arange(n)
         self._limb_count = int(self._limbs.max()) + 1
         self._channels = ChannelComparison(
             models,
             cycle,
             window=window,
-            carries=_carries(n, limbs),
+            carries=carries,
             uses_model=parts.model,
             uses_current=parts.current,
+        )
+        self._law = BoardLaw(
+            self._channels.by_current
+            & (gain < WEAK_GAIN)
+            & (parts.law and parts.model and parts.current),
+            limb_numbers,
+            carries,
+            self._channels.gain,
+            window,
         )
         self._torque = TorqueEstimate(
             models,
@@ -344,6 +364,8 @@ class FusionGenerator:
         if self._loads is not None:
             self._loads.reset()
         self._channels.reset()
+        self._law.reset()
+        self._jolt_ticks = 0
         if self._base is not None:
             self._base.reset()
         self._blind_ticks = np.zeros(n, dtype=np.int64)
@@ -393,9 +415,14 @@ class FusionGenerator:
         self._predictor.step(command, ticks["measured"])
         # A late sample is the response to an older command.
         self._prediction = prediction = self._predictor.before(late_ticks)
-        good_count, falls_behind = self._channels.step(
+        falls_behind = self._channels.step(
             self._predictor.joints, prediction, ticks, pushed=self._confirmation.pushed
         )
+        good_count, jump, catches_up = self._law.step(
+            prediction.command, self._threshold.states, self._channels.hands, ticks
+        )
+        jolt = jump or catches_up
+        self._jolt_ticks = SETTLING_TICKS if jolt else max(self._jolt_ticks - 1, 0)
         blind = self._blind(None if good_count == n else ~ticks["good"])
         thresholds, torques = self._threshold, self._torque
         self._set_thresholds(
@@ -412,14 +439,14 @@ class FusionGenerator:
             ticks,
         )
         base, disturbance, confirmed = (np.nan, np.nan), self._disturbance, False
-        shaken = disturbance.joints
+        jolts = self._jolt_ticks > 0
         if self._base is not None:
-            base = self._base.step(tick, late_ticks > 0, lost, falls_behind)
-            if disturbance.base:
+            base = self._base.step(tick, late_ticks > 0, lost, falls_behind or catches_up)
+            if disturbance.base or jolts:
                 base = base[0] / HELD_FACTOR, base[1] / HELD_FACTOR
-            if self._base.shakes:
-                shaken = ~thresholds.states["touched"]
+            jolts = jolts or self._base.shakes
             confirmed = self._confirmation.step(base[1]) and self._parts.confirmation
+        shaken = ~thresholds.states["touched"] if jolts else disturbance.joints
         if shaken is not None:
             ticks["threshold"][shaken] *= HELD_FACTOR
         if confirmed:

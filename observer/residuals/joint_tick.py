@@ -33,6 +33,9 @@ class JointTick:
         good: True if the sample can be judged.
         blind: True if the joint cannot be judged: this sample, or one that is still in the filter.
         change: Derivative of the tracking error [rad/s].
+        motor: Torque of the motor / K, by its current [rad].
+        output: Of the law of its board, for the measured error [rad].
+        jumps: True if the target of its board jumps, and no hand shows at the joint.
         by_model: Residual by the stick-slip model, filtered [rad].
         by_current: Residual by the current, filtered [rad].
         raw: Residual on which both agree, before the filter [rad]; NaN if the sample cannot be judged.
@@ -50,6 +53,9 @@ class JointTick:
     good: bool
     blind: bool
     change: float
+    motor: float
+    output: float
+    jumps: bool
     by_model: float
     by_current: float
     raw: float

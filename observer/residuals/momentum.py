@@ -184,8 +184,8 @@ def current_residual(
     acceleration: float,
     resistance: float,
     pushed: bool,
-) -> tuple[float, float]:
-    """Return the external torque on the motor over K, with the sign of r, and the motor's torque / K [rad].
+) -> tuple[float, float, float]:
+    """Return the external torque on the motor / K with the sign of r, its own torque / K, the output of the law [rad].
 
     The current has no sign. It takes that of the torque that a free motion needs, which makes the residual smaller than
     the other sign would. A touch that reverses the torque of the motor would then be lost: where the current shows the
@@ -217,7 +217,7 @@ def current_residual(
     answers = follows or at_limit
     p.answered = side if answers else 0
     motor = math.copysign(size, output if answers else needed)
-    return motor - needed, motor
+    return motor - needed, motor, output
 
 
 SIGN_VELOCITY = 0.03

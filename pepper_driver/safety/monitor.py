@@ -84,6 +84,12 @@ class MotorMonitor:
         self._last: Measurement | None = None
         self._begun = np.zeros(len(self._names))
 
+    def forget_silence(self) -> None:
+        """Begin again: all joints are near their commands, and may have moved unseen."""
+        if self._last is not None:
+            self._silent[:] = 0
+            self._last = None
+
     def stiffness(
         self, measurement: Measurement, answered: Command, newest: Command, soft: bool
     ) -> Fault | None:
@@ -226,6 +232,8 @@ class MeasurementMonitor:
             fault = self._judge(measurement, answered, newest, seen)
             if fault is not None:
                 return fault
+        if not (seen & FAR or self._far):
+            motors.forget_silence()
         self._until_check -= 1
         if self._until_check <= 0:
             self._until_check = self._check_ticks

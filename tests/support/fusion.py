@@ -83,7 +83,7 @@ VOLTAGE = MomentumParameters(
 )
 """Of a joint whose current does not show its torque."""
 
-BY_MODEL, BY_CURRENT = FusionParts(current=False), FusionParts(model=False)
+BY_MODEL, BY_CURRENT = FusionParts(current=False), FusionParts(model=False, law=False)
 """Residual of one channel alone."""
 
 ALL_JOINTS, NO_JOINT = np.ones(JOINTS, dtype=np.bool_), np.zeros(JOINTS, dtype=np.bool_)

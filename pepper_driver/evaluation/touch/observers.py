@@ -76,6 +76,7 @@ ABLATIONS = tuple(
     for part in (
         "model",
         "current",
+        "law",
         "bias",
         "loads",
         "adaptation",
@@ -228,6 +229,8 @@ def _fusion(
             parts = ObserverParts(residual=FusionParts(model=False))
         case "current":
             parts = ObserverParts(residual=FusionParts(current=False))
+        case "law":
+            parts = ObserverParts(residual=FusionParts(law=False))
         case "bias":
             parts = ObserverParts(residual=FusionParts(bias=False))
         case "loads":

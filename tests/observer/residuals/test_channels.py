@@ -61,7 +61,7 @@ def test_it_is_the_smaller_of_both_and_nothing_where_their_signs_differ(
             ticks.append(one)
     both, model, shown = (
         residuals(fusion_generator(fusion_model(spread=(9.0, 9.0, 9.0)), parts=part), ticks)
-        for part in (FusionParts(), BY_MODEL, BY_CURRENT)
+        for part in (FusionParts(law=False), BY_MODEL, BY_CURRENT)
     )
     smaller = np.minimum(np.abs(model), np.abs(shown))
     # The product of the smallest numbers is 0.

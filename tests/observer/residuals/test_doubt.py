@@ -48,11 +48,19 @@ class Joint:
         *,
         moving: bool = False,
         blind: bool = False,
+        jumps: bool = False,
     ) -> bool:
         """True if it is doubtful in the last of some ticks, with these residuals by the model and of both channels."""
         for _ in range(ticks):
             doubtful = step_doubt(
-                self.doubts, 0, model * THRESHOLD, residual * THRESHOLD, THRESHOLD, moving, blind
+                self.doubts,
+                0,
+                model * THRESHOLD,
+                residual * THRESHOLD,
+                THRESHOLD,
+                moving,
+                blind,
+                jumps,
             )
         return doubtful
 
@@ -161,10 +169,11 @@ def test_a_joint_in_doubt_needs_more_until_its_error_has_ended() -> None:
     rests, moves = round(3.0 / CYCLE) + 50, len(first) + 50
     for one in made[rests : moves + 100]:
         one.measurement.position[ELBOW] -= 0.04
-    target = fusion_observer(parts=FusionParts(limbs=False))
+    parts = FusionParts(limbs=False, law=False)
+    target = fusion_observer(parts=parts)
     seen = [target.step(one) for one in made]
     assert all(one.contacts == () for one in seen)
-    other = fusion_observer(parts=FusionParts(limbs=False))
+    other = fusion_observer(parts=parts)
     ordinary = np.array([other.step(one).threshold[ELBOW] for one in plain])
     factor = np.array([one.threshold[ELBOW] for one in seen]) / ordinary
     begin = rests + SETTINGS.fusion_window // 2 + SETTLING_TICKS

@@ -162,7 +162,8 @@ def test_torque_is_no_more_than_motor_friction_and_load_oppose(
         motor = LIMIT * STIFFNESS
     friction = STICK_SLIP.breakaway * (STICK_SLIP.friction * STIFFNESS + STICK_SLIP.load_friction)
     bound = motor + friction + math.copysign(1.0, torque)
-    largest = np.abs(of_elbow(observations, "torque")).max()
+    # Once the contact has ended, the joint cannot be judged as long as its motor is at its limit.
+    largest = np.nanmax(np.abs(of_elbow(observations, "torque")))
     # The current shows the motor at its limit, and not all of the friction that helps it.
     lowest = (0.85 if source == "current" else 0.98) * bound
     assert lowest <= largest <= 1.02 * bound

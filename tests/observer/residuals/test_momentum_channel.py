@@ -63,7 +63,7 @@ def residual(
         found = current_residual(
             channels, 0, current, drive, velocity, acceleration, resistance, pushed
         )
-    return found
+    return found[:2]
 
 
 def needed(velocity: float, acceleration: float, resistance: float) -> float:
@@ -259,13 +259,13 @@ def test_joints_keep_to_their_own_constants_and_state() -> None:
     channels = current_channels(models)
     np.testing.assert_array_equal(channels["by_current"], [True, False, False])
     for j in range(3):
-        found, _ = current_residual(
+        found, _, _ = current_residual(
             channels, j, 2.0, -0.1 if j == 0 else 0.0, 0.0, 0.0, 0.05, False
         )
         if j == 1:
             assert np.isnan(found)
     np.testing.assert_array_equal(channels["answered"], [-1, 0, 0])
-    found, _ = current_residual(channels, 0, 2.0, -0.1, 0.0, 0.0, 0.05, False)
+    found, _, _ = current_residual(channels, 0, 2.0, -0.1, 0.0, 0.0, 0.05, False)
     assert found == pytest.approx(-0.152)
 
 

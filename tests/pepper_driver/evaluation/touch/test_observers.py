@@ -117,7 +117,7 @@ def begins(observations: list[Observation]) -> list[Contact]:
 
 def test_each_name_is_made_and_no_other() -> None:
     assert set(DEFAULT) <= set(OBSERVERS) == {"fusion", *BASELINES, *ABLATIONS}
-    assert len(set(OBSERVERS)) == len(OBSERVERS) == 1 + 4 + 4 + 2 + 9
+    assert len(set(OBSERVERS)) == len(OBSERVERS) == 1 + 4 + 4 + 2 + 10
     with pytest.raises(UnknownNameError, match=r"'fusion-without-models'.*fusion-without-model"):
         made("fusion-without-models")
     with pytest.raises(UnknownNameError, match="momentum-adaptive@matched"):
