@@ -36,6 +36,7 @@ from pepper_driver.config.plant_parts import BodyParameters
 from pepper_driver.config.workers import Workers
 from pepper_driver.controller.model import RobotModel
 from pepper_driver.observer import ContactObserver, JointState, ModelSet, Recording
+from pepper_driver.observer.contact_observer import ObserverParts
 from pepper_driver.observer.scoring import group_events
 
 DOCUMENTED_BODY = BodyParameters(masses={}, coms={}, payloads=())
@@ -460,6 +461,7 @@ def false_contacts(
     models: ModelSet,
     delay: int,
     *,
+    parts: ObserverParts | None = None,
     workers: Workers = -1,
     progress: Progress | None = None,
 ) -> FalseContacts:
@@ -470,12 +472,13 @@ def false_contacts(
         runs: Of the bench.
         models: Of kind ``fusion``.
         delay: Whole ticks from a command to the sample that answers it.
+        parts: Of the observer; None for all.
         workers: Processes, -1 for one per core; or a cluster.
         progress: Called after each run.
     """
     # The base of the bench is fixed.
     models = replace(models, base=None)
-    jobs = [partial(_watch, robot, run, models, delay) for run in runs]
+    jobs = [partial(_watch, robot, run, models, delay, parts or ObserverParts()) for run in runs]
     watched = run_all(jobs, workers, progress)
     named = [joint for joints, _ in watched for joint in joints]
     ticks = [len(run.command) - delay for run in runs]
@@ -488,10 +491,10 @@ def false_contacts(
 
 
 def _watch(
-    robot: RobotConfig, run: GoalRun, models: ModelSet, delay: int
+    robot: RobotConfig, run: GoalRun, models: ModelSet, delay: int, parts: ObserverParts
 ) -> tuple[list[str], float]:
     """Return the joints, or else the links, of contacts that begin in a run, not rebounds; and the blind fraction."""
-    observer = ContactObserver(robot, models, load_observer_settings())
+    observer = ContactObserver(robot, models, load_observer_settings(), parts=parts)
     recording = as_recording(robot, run, RobotModel(robot), delay)
     seen = [observer.step(tick) for tick in recording.ticks()]
     begins = [track.begin for track in group_events([c for one in seen for c in one.contacts])]

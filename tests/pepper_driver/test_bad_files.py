@@ -354,17 +354,17 @@ CASES: list[tuple[str, str, str]] = [
     (
         "safety",
         "battery_fault: 2",
-        "mine.yaml line 19: key 'battery_fault': must be 1 or less, got 2",
+        "mine.yaml line 20: key 'battery_fault': must be 1 or less, got 2",
     ),
     (
         "safety",
         "chest_button: maybe",
-        "mine.yaml line 23: key 'chest_button': must be true or false, got \"maybe\"",
+        "mine.yaml line 24: key 'chest_button': must be true or false, got \"maybe\"",
     ),
     (
         "safety",
         "following_eror: 0.6",
-        "mine.yaml line 33: unknown key 'following_eror' (did you mean following_error or following_error_time?",
+        "mine.yaml line 34: unknown key 'following_eror' (did you mean following_error or following_error_time?",
     ),
     (
         "observer",

@@ -286,7 +286,8 @@ def test_garbage_of_a_run_in_real_time_is_collected_meanwhile(loop_thread: bool)
         for number in range(3):
             Circle(number)
             session.run(COLLECTION_PERIOD + 1)
-        assert freed[:2] == [0, 1]
+        # On a busy machine one collection may find two of them, in any order.
+        assert {0, 1} <= set(freed)
 
 
 def test_a_slow_tick_is_missed_counted_and_reported() -> None:
