@@ -153,6 +153,11 @@ SUBJECTS = (
         ),
     ),
     Subject(
+        "board law",
+        (("observer/residuals/board_law.py", ()),),
+        ("tests/observer/residuals/test_board_law.py",),
+    ),
+    Subject(
         "confirmation",
         (("observer/detection/confirmation.py", ()),),
         ("tests/observer/detection/test_confirmation.py",),

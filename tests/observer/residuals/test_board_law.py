@@ -18,6 +18,7 @@ from pepper_driver.observer.constants import (
     SETTLING_TICKS,
 )
 from pepper_driver.observer.detection.threshold import ThresholdState
+from pepper_driver.observer.fitting.samples import SETTLING_TIME
 from pepper_driver.observer.residuals.board_law import CATCHING_UP_TICKS, BoardLaw
 from pepper_driver.observer.residuals.fusion import FusionParts
 from pepper_driver.observer.residuals.joint_tick import JointCommand, JointTick
@@ -150,6 +151,32 @@ def test_a_target_that_stays_off_is_a_jump_only_at_first() -> None:
     assert not any(jumps[200:])
 
 
+@pytest.mark.parametrize(("ticks", "found"), [(2, False), (3, True)])
+def test_a_jump_shows_for_as_long_as_half_of_the_median_window(ticks: int, found: bool) -> None:
+    """What is over sooner does not reach the residual. The smoothed difference is large for these ticks alone."""
+    boards = Boards()
+    boards.play(np.zeros(50), np.zeros(50))
+    step = MIN_DRIVE * 1.2 / GAIN
+    motor = np.concatenate([[step], np.full(ticks - 1, MIN_DRIVE * 1.3), [0.0, 0.0]])
+    assert any(boards.play(np.zeros(len(motor)), motor)) == found
+
+
+def test_a_joint_whose_law_is_unknown_hides_no_other() -> None:
+    boards = Boards()
+    boards.law.states["known"][0] = False
+    output = np.concatenate([np.full(100, 0.2), np.linspace(0.2, 2.7, 5), np.full(5, 2.7)]) * DEG
+    assert any(boards.play(output, np.full(110, 0.2 * DEG)))
+
+
+def test_a_jump_is_over_when_the_joint_cannot_be_judged() -> None:
+    boards = Boards()
+    output = np.concatenate([np.full(100, 0.2), np.linspace(0.2, 2.7, 5), np.full(6, 2.7)]) * DEG
+    assert boards.play(output, np.full(111, 0.2 * DEG))[-1]
+    assert boards.play([2.7 * DEG], [0.2 * DEG], good=False) == [False]
+    assert boards.law.states["jump_ticks"][1] == boards.law.states["short_ticks"][1] == 0
+    assert not any(boards.play(np.full(30, 2.7 * DEG), np.full(30, 0.2 * DEG)))
+
+
 def test_a_target_that_is_off_from_the_start_is_no_jump() -> None:
     boards = Boards()
     assert not any(boards.play(np.full(50, 3.0 * DEG), np.zeros(50)))
@@ -211,6 +238,10 @@ def test_nor_can_what_it_carries_and_the_base_while_it_catches_up(
     catch_up(boards, 1, joint=joint)
     assert boards.catches_up
     assert boards.good == judged
+
+
+def test_a_joint_settles_for_as_long_as_an_identification_leaves_out() -> None:
+    assert round(SETTLING_TIME / CYCLE) == CATCHING_UP_TICKS
 
 
 def test_they_are_judged_again_when_the_joint_has_caught_up_and_settled() -> None:
