@@ -107,26 +107,24 @@ def _step(
     commands: Records[JointCommand],
     ticks: Out[Records[JointTick]],
 ) -> tuple[int, bool, bool]:
+    """Take in one tick, as :meth:`BoardLaw.step`."""
     jump, catches_up, count, n = False, False, 0, len(ticks)
     for j in range(n):
         state, tick = states[j], ticks[j]
         if not state.known:
             continue
         if not tick.good:
-            state.started, state.jump_ticks, state.short_ticks, state.saturated_ticks = (
-                False,
-                0,
-                0,
-                0,
-            )
-            tick.jumps = False
+            state.started, tick.jumps = False, False
+            state.jump_ticks = state.short_ticks = state.saturated_ticks = 0
             continue
-        touched = touches = False
+        # A touch of the limb, or of anything that depends on the motion of the joint.
+        limb_touched = touched = False
         for i in range(n):
             if carries[j, i] and (thresholds[i].touched or hands[i] != 0):
                 touched = True
-                touches = touches or limbs[i] == limbs[j]
-        step_law(states, j, tick.motor, tick.output, not (touches or tick.blind), gain)
+                limb_touched = limb_touched or limbs[i] == limbs[j]
+        free = not (limb_touched or tick.blind)
+        step_law(states, j, tick.motor, tick.output, free, gain)
         tick.jumps = state.jump_ticks >= jump_ticks
         jump = jump or tick.jumps
         begins = (

@@ -35,7 +35,7 @@ class JointTick:
         change: Derivative of the tracking error [rad/s].
         motor: Torque of the motor / K, by its current [rad].
         output: Of the law of its board, for the measured error [rad].
-        jumps: True if the target of its board jumps, and no hand shows at the joint.
+        jumps: True if the target of its board jumps; never while its limb is touched.
         by_model: Residual by the stick-slip model, filtered [rad].
         by_current: Residual by the current, filtered [rad].
         raw: Residual on which both agree, before the filter [rad]; NaN if the sample cannot be judged.

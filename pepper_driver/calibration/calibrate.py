@@ -46,8 +46,8 @@ MEASURED, PLAYED = 0.7, 0.8
 """Fraction of a check that ramps and holds take, and of the rest the one that commands take, for the progress."""
 
 AS_COUNTED = ObserverParts(residual=FusionParts(law=False))
-"""Observer that counted the false contacts of the real robot. With the law of the boards, joints whose boards fall
-behind are blind instead, and a plant has hardly any to compare."""
+"""The false contacts of the real robot were counted before there was the law of the boards. With it, joints whose
+boards fall behind are blind instead, and a plant has hardly any to compare."""
 
 
 @dataclass(frozen=True, kw_only=True)

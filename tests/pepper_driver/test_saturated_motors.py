@@ -83,19 +83,21 @@ def test_a_strong_push_is_one_although_it_saturates_the_motor(force: float) -> N
     assert pushed < contact.detection_time < pushed + 0.2
 
 
-def push_twice(law: bool) -> list[tuple[str, str | None]]:
+def push_twice(direction: list[float], *, law: bool) -> list[tuple[str, str | None]]:
     """Limb and kind of the contacts of a strong push, and of a weaker one 0.35 s after it."""
     with Pepper("mujoco", observer=observer(law)) as pepper:
         pepper.set_posture({"RShoulderPitch": 1.0, "RElbowRoll": 0.6})
         pepper.run(4.0)
-        pepper.push("r_wrist", [0.0, 0.0, 40.0], duration=0.3)
-        pepper.run(0.65)
-        pepper.push("r_wrist", [0.0, 0.0, 25.0], duration=0.6)
-        pepper.run(1.5)
+        for force, duration, following in ((45.0, 0.3, 0.65), (25.0, 0.6, 1.5)):
+            pepper.push("r_wrist", [force * part for part in direction], duration=duration)
+            pepper.run(following)
         return [(contact.limb, contact.kind) for contact in pepper.contact_history]
 
 
-def test_a_push_soon_after_a_strong_one_is_the_same_as_without_the_law() -> None:
-    found = push_twice(True)
+@pytest.mark.parametrize("direction", [[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+def test_a_push_soon_after_a_strong_one_is_the_same_as_without_the_law(
+    direction: list[float],
+) -> None:
+    found = push_twice(direction, law=True)
     assert len(found) >= 2
-    assert found == push_twice(False)
+    assert found == push_twice(direction, law=False)

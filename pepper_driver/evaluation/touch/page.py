@@ -275,21 +275,17 @@ def _force_results(observer: ObserverSummary) -> dict[str, Callable[[str], str]]
 
 
 def _worst_false(observer: ObserverSummary, law: str, suite: Suite) -> str:
-    contacts = {
-        robot.robot: observer.false_contacts(suite, robot.law, "robot", robot.robot)
+    rates = [
+        (contacts.rate.count / contacts.rate.hours, robot.robot, contacts.rate)
         for robot in observer.robots
         if law in (ALL, robot.law)
-    }
-    rates = {
-        name: one
-        for name, one in contacts.items()
-        if one is not None and one.rate.per_hour is not None
-    }
+        for contacts in [observer.false_contacts(suite, robot.law, "robot", robot.robot)]
+        if contacts is not None and contacts.rate.hours > 0.0
+    ]
     if not rates:
         return "-"
-    name = max(rates, key=lambda name: rates[name].rate.per_hour or 0.0)
-    rate = rates[name].rate
-    return f"{short_number(rate.per_hour or 0.0)}, {rate.count} in {short_number(rate.hours)} h ({name})"
+    worst, name, rate = max(rates, key=lambda entry: entry[0])
+    return f"{short_number(worst)}, {rate.count} in {short_number(rate.hours)} h ({name})"
 
 
 def _rate(contacts: FalseContacts) -> str:
